@@ -1,0 +1,158 @@
+"""What a plane cuts out of a mesh: closed, oriented, nested loops that know the facets they came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from planner.errors import InputError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """One closed contour of a section; the material lies on its left seen against the plane's normal.
+
+    points   : (n, 3) float, mm    last != first; no two neighbours are equal
+    facets   : (n,) int64          mesh facet of the segment from point i to point i + 1
+    edges    : (n, 2) int64        mesh vertices a < b of the edge that point i lies on
+    weights  : (n,) float          point i = a + weights[i] (b - a); exactly 0 or 1 where the plane meets a vertex
+    xy       : (n, 2) float, mm    the points in the section's frame
+    area_mm2 : float               signed: outer contours (counter-clockwise) positive, holes negative
+    parent   : int                 the smallest loop of this section around this one, by number; -1 if none
+    """
+
+    points: Floats
+    facets: Ints
+    edges: Ints
+    weights: Floats
+    xy: Floats
+    area_mm2: float
+    parent: int
+
+    @property
+    def is_hole(self) -> bool:
+        """Whether material lies outside this loop (it runs clockwise)."""
+        return self.area_mm2 < 0.0
+
+    @cached_property
+    def length_mm(self) -> float:
+        """Perimeter, mm."""
+        return float(np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1).sum())
+
+    def polygon2d(self) -> shapely.Polygon:
+        """The loop alone, without what lies in it, in the section's plane coordinates (mm)."""
+        return shapely.Polygon(self.xy)
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """All loops that one plane cuts out of a mesh.
+
+    plane : (6,) float      a point (mm) and the unit normal
+    frame : (4, 3) float    origin (mm) and the unit vectors u, v, w; right-handed, w is the plane's normal
+    loops : list of Loop    empty where the plane misses the mesh
+    """
+
+    plane: Floats
+    frame: Floats
+    loops: list[Loop]
+
+    @property
+    def origin(self) -> Floats:
+        """(3,) float, mm: the plane's point, where xy = (0, 0)."""
+        return self.frame[0]
+
+    @property
+    def normal(self) -> Floats:
+        """(3,) float: the plane's unit normal."""
+        return self.frame[3]
+
+    @property
+    def area_mm2(self) -> float:
+        """Sum of the loops' signed areas, mm²."""
+        return float(sum(loop.area_mm2 for loop in self.loops))
+
+    def lift(self, xy: ArrayLike) -> Floats:
+        """Plane coordinates to space.  xy : (n, 2) float, mm.  Returns (n, 3) float, mm."""
+        plane_xy = np.asarray(xy, dtype=np.float64)
+        return np.asarray(self.frame[0] + plane_xy @ self.frame[1:3])
+
+    def flatten(self, points: ArrayLike) -> Floats:
+        """Space to plane coordinates, along the normal.  points : (n, 3) float, mm.  Returns (n, 2) float, mm."""
+        return np.asarray((np.asarray(points, dtype=np.float64) - self.frame[0]) @ self.frame[1:3].T)
+
+    def to_shapely(self) -> shapely.MultiPolygon:
+        """The material in the plane, in plane coordinates (mm): points that the loops wind around at least once.
+
+        Bodies that overlap count once. Loops that touch themselves or each other at a point give valid polygons.
+        """
+        holes_of: dict[int, list[Floats]] = {}
+        for loop in self.loops:
+            if loop.is_hole:
+                holes_of.setdefault(loop.parent, []).append(loop.xy)
+        pieces = [
+            shapely.Polygon(loop.xy, holes_of.get(number, []))
+            for number, loop in enumerate(self.loops)
+            if not loop.is_hole
+        ]
+        if not all(piece.is_valid for piece in pieces) or not _are_apart(pieces):
+            made = [shapely.make_valid(piece, method="structure", keep_collapsed=False) for piece in pieces]
+            return _as_multipolygon(shapely.union_all(made))
+        return shapely.MultiPolygon(pieces)
+
+
+def _are_apart(pieces: list[shapely.Polygon]) -> bool:
+    """Whether no two polygons share more than a boundary point, so that they form a valid multipolygon."""
+    return len(pieces) < 2 or bool(shapely.MultiPolygon(pieces).is_valid)
+
+
+def _as_multipolygon(shape: shapely.Geometry) -> shapely.MultiPolygon:
+    """The polygons of any geometry."""
+    parts = [part for part in shapely.get_parts(shape, return_index=False) if isinstance(part, shapely.Polygon)]
+    return shapely.MultiPolygon([part for part in parts if not part.is_empty])
+
+
+def plane_frame(plane: ArrayLike) -> Floats:
+    """Right-handed frame of a plane, the same for the same plane: u is +x laid into the plane (+y where w is near x).
+
+    plane : (6,) float   a point (mm) and a unit normal
+    Returns (4, 3) float: origin, u, v, w.  The plane z = h gives u = x, v = y; the plane x = h gives u = y, v = z.
+    """
+    values = np.asarray(plane, dtype=np.float64)
+    normal = values[3:]
+    towards = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    along = towards - normal * float(normal @ towards)
+    along = along / np.linalg.norm(along)
+    return np.array([values[:3], along, np.cross(normal, along), normal])
+
+
+def checked_planes(planes: ArrayLike) -> Floats:
+    """Planes as (k, 6) float with normals of length 1 to the last bit.
+
+    Raises InputError if the shape is wrong, a number is not finite, or a normal's length is not 1 within 1e-6
+    (far above rounding, far below a forgotten normalisation).
+    """
+    values = np.array(planes, dtype=np.float64)
+    if values.size == 0:
+        return values.reshape(0, 6)
+    if values.ndim == 1 and values.shape == (6,):
+        values = values[None, :]
+    if values.ndim != 2 or values.shape[1] != 6:
+        raise InputError(f"planes must be (k, 6), a point and a unit normal each, not {values.shape}", "")
+    if not np.isfinite(values).all():
+        bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+        raise InputError(f"plane {bad} holds a number that is not finite", "check how the planes were computed")
+    length = np.linalg.norm(values[:, 3:], axis=1)
+    if (np.abs(length - 1.0) > 1e-6).any():
+        bad = int(np.argmax(np.abs(length - 1.0)))
+        raise InputError(f"the normal of plane {bad} has length {length[bad]:.6g}, not 1", "normalise it")
+    off = np.abs(length - 1.0) > 4e-16
+    values[off, 3:] /= length[off, None]
+    return values
