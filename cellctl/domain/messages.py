@@ -1,0 +1,62 @@
+"""What the processes say to the cell process over its unix socket: 4-byte big-endian length, then one msgpack struct."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from cellctl.domain.snapshot import Snapshot
+
+PROTOCOL = 1
+
+
+class Hello(msgspec.Struct, frozen=True, tag=True):
+    """First message of both sides; another version is refused with a Reply and the socket is closed."""
+
+    protocol: int
+    name: str
+
+
+class Command(msgspec.Struct, frozen=True, tag=True):
+    """A verb that names the end state: start hold resume abort stop reset home unlock jog record.
+
+    id : chosen by the sender; the same id is carried out once
+    args : start: {job, name, program (directory)}; jog: {axis, distance, feed}
+    """
+
+    id: str
+    verb: str
+    who: str
+    because: str
+    args: dict[str, Any] = {}
+
+
+class Reply(msgspec.Struct, frozen=True, tag=True):
+    """Answer to the Command of the same id. ok: accepted and durable. Otherwise error is one line, hint says what to do."""
+
+    id: str
+    ok: bool
+    error: str = ""
+    hint: str = ""
+    data: dict[str, Any] = {}
+
+
+class Event(msgspec.Struct, frozen=True, tag=True):
+    """Something that happened; written to the journal before it is sent. seq increases without gaps, across restarts."""
+
+    seq: int
+    at: float
+    kind: str
+    text: str
+    job: str = ""
+    data: dict[str, Any] = {}
+
+
+class Live(msgspec.Struct, frozen=True, tag=True):
+    """A snapshot, newest wins."""
+
+    snapshot: Snapshot
+
+
+Message = Hello | Command | Reply | Event | Live

@@ -1,0 +1,142 @@
+"""What the cell process says about itself ten times a second: one struct, the same over the socket, REST and WebSocket."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class Lines(msgspec.Struct, frozen=True):
+    """The four line counts of the Program (protocols.md: an `ok` says only that a line was parsed), and how many there are."""
+
+    sent: int = 0
+    acknowledged: int = 0
+    executing: int = 0
+    executed: int = 0
+    total: int = 0
+
+
+class LaserView(msgspec.Struct, frozen=True):
+    """Laser: set-points and read-backs; age_s is the age of the oldest reading (large: stale)."""
+
+    connected: bool = False
+    age_s: float = 1e9
+    enabled: bool = False
+    permitted: bool = False
+    emitting: bool = False
+    power_setpoint_w: float = 0.0
+    power_readback_w: float = 0.0
+    faults: list[str] = []
+    interlocks: list[str] = []
+
+
+class FeederView(msgspec.Struct, frozen=True):
+    """Powder feeder and gas."""
+
+    connected: bool = False
+    age_s: float = 1e9
+    rate_setpoint_g_min: float = 0.0
+    rate_readback_g_min: float = 0.0
+    carrier_gas_setpoint_l_min: float = 0.0
+    carrier_gas_readback_l_min: float = 0.0
+    shield_gas_setpoint_l_min: float = 0.0
+    shield_gas_readback_l_min: float = 0.0
+    hopper_fraction: float = 0.0
+    faults: list[str] = []
+
+
+class IoView(msgspec.Struct, frozen=True):
+    """I/O coupler: interlock levels and the head's slide."""
+
+    connected: bool = False
+    age_s: float = 1e9
+    estop_ok: bool = False
+    door_closed: bool = False
+    chiller_ok: bool = False
+    gas_pressure_ok: bool = False
+    fume_extraction_ok: bool = False
+    head_deployed: bool = False
+    head_parked: bool = False
+
+
+class CncView(msgspec.Struct, frozen=True):
+    """CNC: state as the firmware says it, position, buffers."""
+
+    connected: bool = False
+    age_s: float = 1e9
+    firmware: str = ""
+    state: str = ""
+    machine: dict[str, float] = {}
+    work: dict[str, float] = {}
+    feed_mm_min: float = 0.0
+    spindle_rpm: float = 0.0
+    tool: int = 0
+    planner_free: int = 0
+    rx_free: int = 0
+    feed_override: int = 100
+
+
+class Permissive(msgspec.Struct, frozen=True):
+    """One condition for laser emission: its level now, and why it is not met."""
+
+    name: str
+    ok: bool
+    why: str = ""
+
+
+class Alarm(msgspec.Struct, frozen=True):
+    """A latched fault: cause and remedy in the operator's words."""
+
+    id: int
+    at: float
+    code: str
+    cause: str
+    remedy: str
+
+
+class JobView(msgspec.Struct, frozen=True):
+    """The running (or interrupted) job."""
+
+    id: str
+    name: str
+    layer: int = 0
+    layers: int = 0
+    operation: int = -1
+    operation_kind: str = ""
+    progress: float = 0.0
+    elapsed_s: float = 0.0
+    remaining_s: float = 0.0
+    outcome: str = ""  # "", "completed", "aborted", "failed", "interrupted"
+
+
+class TickView(msgspec.Struct, frozen=True):
+    """The safety tick's own health."""
+
+    count: int = 0
+    missed: int = 0
+    jitter_p99_ms: float = 0.0
+    scheduler: str = ""
+
+
+class Snapshot(msgspec.Struct, frozen=True):
+    """State of the cell. `at` is Unix time (s); tip and tool_axis are in the build frame (mm, unit vector)."""
+
+    seq: int
+    at: float
+    cell: str
+    mode: str
+    state: str
+    execution: str
+    because: str = ""
+    waiting: str = ""
+    tip: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tool_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    tip_speed_mm_s: float = 0.0
+    lines: Lines = Lines()
+    laser: LaserView = LaserView()
+    feeder: FeederView = FeederView()
+    io: IoView = IoView()
+    cnc: CncView = CncView()
+    job: JobView | None = None
+    permissives: list[Permissive] = []
+    alarms: list[Alarm] = []
+    tick: TickView = TickView()

@@ -1,0 +1,216 @@
+"""Facts about one cell: machine, wires, tools, placement, safety. The only place where `mode = "sim"` or `"real"` is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from config.base import Facts, Finite, NotNegative, Positive, Vector3, find_facts, read_facts
+
+Letter = Literal["X", "Y", "Z", "A", "B", "C"]
+
+
+class Axis(Facts):
+    """One driven axis: travel and limits in mm or degrees."""
+
+    letter: Letter
+    kind: Literal["linear", "rotary"]
+    min: Finite = Field(description="mm or deg, machine coordinates")
+    max: Finite = Field(description="mm or deg, machine coordinates")
+    max_velocity: Positive = Field(description="mm/s or deg/s")
+    max_acceleration: Positive = Field(description="mm/s2 or deg/s2")
+    home: Finite = Field(0.0, description="machine coordinate after homing")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Axis:
+        if self.min >= self.max:
+            raise ValueError(f"axis {self.letter}: min {self.min} must be below max {self.max}")
+        return self
+
+
+class Joint(Facts):
+    """One joint of the chain: what it carries turns or moves by the joint's value along `direction` (right-hand rule).
+
+    A table that follows ISO 841 (A', C') turns against the sense of the letter: direction = [-1, 0, 0].
+    """
+
+    axis: Letter
+    direction: Vector3 = Field(description="unit vector, machine frame at all joints zero")
+    point_mm: Vector3 = Field((0.0, 0.0, 0.0), description="a point on a rotary axis (the pivot), machine frame at all joints zero")
+
+    @model_validator(mode="after")
+    def _unit(self) -> Joint:
+        length = sum(value * value for value in self.direction) ** 0.5
+        if abs(length - 1.0) > 1e-9:
+            raise ValueError(f"joint {self.axis}: direction must have length 1 (has {length:.6g})")
+        return self
+
+
+class Kinematics(Facts):
+    """Two chains from the machine's base: to the table (which carries the part) and to the head (which carries the tool).
+
+    world_from_table = product of the table joints in order; world_from_head = product of the head joints in order.
+    With all joints at zero the head's gauge point is at the machine's origin, the tool axis is +z (from tip into head).
+    """
+
+    table: tuple[Joint, ...] = ()
+    head: tuple[Joint, ...] = ()
+
+
+class Tool(Facts):
+    """A deposition head or a cutter, as mounted."""
+
+    number: int = Field(ge=1, le=99)
+    name: str
+    kind: Literal["deposition", "end_mill", "ball_mill", "bull_nose"]
+    tip_mm: Vector3 = Field(description="tip (focus point of the head) from the gauge point, machine frame at all joints zero; z is negative")
+    diameter_mm: Positive = Field(description="cutter diameter, or laser spot")
+    corner_radius_mm: NotNegative = 0.0
+    flute_length_mm: NotNegative = 0.0
+    holder_diameter_mm: Positive = 40.0
+    teeth: int = Field(2, ge=1)
+    max_rpm: Positive = 18000.0
+
+
+class Cnc(Facts):
+    """The CNC and its serial line."""
+
+    firmware: Literal["grblhal", "grbl"]
+    port: str = Field(description="device path; a relative one is taken from the run directory")
+    baud: int = Field(115200, ge=1200, le=4_000_000)
+    line_length_max: int = Field(256, ge=40, description="characters, without newline")
+    rx_margin_bytes: int = Field(16, ge=0)
+    answer_timeout_s: Positive = Field(5.0, description="for ok or error, beyond the time of the moves ahead of it")
+    status_period_s: Positive = Field(0.1, ge=0.05, description="status query period")
+    laser_gate_output: int | None = Field(None, ge=0, le=15, description="digital output (M62/M63 P) that gates the laser; none: gate by Modbus")
+    max_blocks_per_s: Positive = 400.0
+
+
+class Link(Facts):
+    """How a Modbus device is reached."""
+
+    device: str = Field(description="register map: path or shipped name")
+    transport: Literal["tcp", "rtu"]
+    host: str = "127.0.0.1"
+    tcp_port: int = Field(502, ge=0, le=65535, description="0 in a cell to be simulated: any free port")
+    serial_port: str = Field("", description="RTU line; devices with the same serial_port share one line")
+    baud: int = Field(115200, ge=1200, le=4_000_000)
+    parity: Literal["N", "E", "O"] = "N"
+    device_id: int = Field(1, ge=1, le=247)
+
+    @model_validator(mode="after")
+    def _line(self) -> Link:
+        if self.transport == "rtu" and not self.serial_port:
+            raise ValueError("transport rtu needs serial_port")
+        return self
+
+
+class Placement(Facts):
+    """Where the workpiece is, measured at the machine: part frame in the table frame, and the controller's work offset (G54)."""
+
+    part_origin_mm: Vector3 = Field((0.0, 0.0, 0.0), description="origin of the build frame in the table frame; the table frame is the machine frame at all joints zero")
+    rotation_deg: Finite = Field(0.0, description="of the build frame about the table's z")
+    work_offset: dict[str, float] = Field(default_factory=dict, description="G54 per axis letter, mm or deg, machine coordinates")
+    pivots_mm: dict[str, Vector3] = Field(default_factory=dict, description="measured point on a rotary axis, replaces the nominal one of the chain")
+
+
+class Volume(Facts):
+    """Box in which metal may be, in the table frame (mm)."""
+
+    min_mm: Vector3
+    max_mm: Vector3
+
+
+class Limits(Facts):
+    """Safety figures of the cell."""
+
+    tick_s: Positive = Field(0.01, description="period of the safety tick")
+    moving_mm_s: Positive = Field(0.5, description="tip speed below which the laser has to be off")
+    status_stale_s: Positive = Field(0.5, description="CNC status older than this is unsafe")
+    powder_settle_tolerance: Positive = Field(0.05, description="relative; flow is steady within this of its set-point")
+    powder_settle_timeout_s: Positive = 15.0
+    purge_s: NotNegative = Field(2.0, description="gas only, before milling")
+    emission_off_w: NotNegative = Field(5.0, description="read-back below which there is no emission")
+    hopper_low_fraction: NotNegative = Field(0.05, lt=1.0)
+
+
+class Service(Facts):
+    """Where the service listens. Loopback by default."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(8000, ge=0, le=65535)
+    stop_port: int = Field(8001, ge=0, le=65535, description="the cell process's own listener for STOP")
+
+
+class Simulation(Facts):
+    """Read by `sim` only."""
+
+    seed: int = 1
+    substrate_mm: Vector3 = Field((120.0, 120.0, 10.0), description="size of the plate that is clamped to the table")
+    substrate_top_mm: Vector3 = Field((0.0, 0.0, 0.0), description="centre of the plate's top, table frame")
+    hopper_g: Positive = 2000.0
+    powder_transport_s: NotNegative = Field(1.2, description="delay from feeder to nozzle")
+    powder_settle_s: Positive = Field(0.6, description="time constant of the flow")
+    laser_ramp_s: NotNegative = Field(0.002, description="time constant of the laser")
+    rx_bytes: int = Field(1024, ge=64)
+    planner_blocks: int = Field(100, ge=4)
+
+
+class Cell(Facts):
+    """One machine with everything on it."""
+
+    schema_version: Literal[1]
+    name: str
+    mode: Literal["sim", "real"]
+    cnc: Cnc
+    axes: tuple[Axis, ...]
+    kinematics: Kinematics
+    build_volume: Volume
+    tools: tuple[Tool, ...]
+    links: dict[Literal["laser", "feeder", "io"], Link]
+    placement: Placement = Placement()
+    limits: Limits = Limits()
+    service: Service = Service()
+    simulation: Simulation = Simulation()
+    chord_tolerance_mm: Positive = Field(0.01, description="linearisation, tip")
+    axis_tolerance_deg: Positive = Field(0.05, description="linearisation, tool axis")
+    rapid_clearance_mm: Positive = Field(5.0, description="above the highest metal, along the tool axis")
+
+    @property
+    def letters(self) -> tuple[str, ...]:
+        """Axis letters in the controller's order."""
+        return tuple(axis.letter for axis in self.axes)
+
+    def axis(self, letter: str) -> Axis:
+        """Axis by letter. Raises KeyError."""
+        return next(axis for axis in self.axes if axis.letter == letter) if letter in self.letters else _no_axis(letter)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Cell:
+        if len(set(self.letters)) != len(self.letters):
+            raise ValueError("axes: a letter stands twice")
+        joints = [joint.axis for joint in (*self.kinematics.table, *self.kinematics.head)]
+        if sorted(joints) != sorted(self.letters):
+            raise ValueError(f"kinematics: joints {joints} and axes {list(self.letters)} must be the same letters")
+        if len({tool.number for tool in self.tools}) != len(self.tools):
+            raise ValueError("tools: a number stands twice")
+        if not any(tool.kind == "deposition" for tool in self.tools):
+            raise ValueError("tools: no deposition head")
+        missing = {"laser", "feeder", "io"} - set(self.links)
+        if missing:
+            raise ValueError(f"links: {', '.join(sorted(missing))} missing")
+        unknown = (set(self.placement.work_offset) | set(self.placement.pivots_mm)) - set(self.letters)
+        if unknown:
+            raise ValueError(f"placement: no axis {', '.join(sorted(unknown))}")
+        return self
+
+
+def _no_axis(letter: str) -> Axis:
+    raise KeyError(f"no axis {letter}")
+
+
+def load_cell(name: str | Path) -> Cell:
+    """Cell by path or shipped name. Raises ConfigError."""
+    return read_facts(Cell, find_facts("cells", str(name)))

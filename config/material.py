@@ -1,0 +1,82 @@
+"""Facts about one powder on one kind of head: bead, process window, layers, milling. Every figure's origin is in `source`."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from config.base import Facts, Finite, Fraction, NotNegative, Positive, find_facts, read_facts
+
+
+class Window(Facts):
+    """Least, usual and greatest value of one set-point."""
+
+    min: NotNegative
+    usual: NotNegative
+    max: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Window:
+        if not self.min <= self.usual <= self.max:
+            raise ValueError(f"needs min <= usual <= max (has {self.min}, {self.usual}, {self.max})")
+        return self
+
+
+class Bead(Facts):
+    """Cross-section of a single track: a parabola of `width` and of the area that mass conservation gives.
+
+    area_mm2  = catch_efficiency * powder_g_s / (density_g_mm3 * speed_mm_s)
+    width_mm  = width_coefficient * power_w**width_power_exponent * speed_mm_s**width_speed_exponent
+    height_mm = 1.5 * area / width
+    """
+
+    catch_efficiency: Fraction
+    width_coefficient: Positive
+    width_power_exponent: Finite
+    width_speed_exponent: Finite
+    min_power_w: Positive = Field(description="below it nothing melts")
+    step_over: Fraction = Field(description="distance of neighbouring tracks / width; flat top at about 0.66 for a parabola")
+
+
+class Deposition(Facts):
+    """Process window of the head with this powder."""
+
+    laser_w: Window
+    speed_mm_s: Window
+    powder_g_min: Window
+    carrier_gas_l_min: Window
+    shield_gas_l_min: Window
+    layer_height_mm: Window
+    interpass_s: NotNegative = Field(description="least time from the start of one layer to the start of the next")
+    max_overhang_deg: Positive = Field(description="wall angle from the build direction that holds without tilting")
+    overbuild: NotNegative = Field(description="relative: how much more than the layer height is deposited, so that no layer falls short")
+    stock_allowance_mm: NotNegative = Field(description="metal outside the part before milling, normal to the wall")
+    lead_in_mm: NotNegative
+    lead_out_mm: NotNegative
+
+
+class Milling(Facts):
+    """Cutting data for a carbide cutter in this metal, as deposited."""
+
+    cutting_speed_m_min: Positive
+    feed_per_tooth_mm: Positive
+    axial_depth_mm: Positive
+    radial_depth_mm: Positive
+    face_step_over: Fraction = Field(description="of the cutter's diameter")
+    cutter_diameter_mm: Positive = Field(description="usual cutter for walls and tops")
+
+
+class Material(Facts):
+    """One powder."""
+
+    schema_version: int = Field(ge=1, le=1)
+    name: str
+    density_g_mm3: Positive
+    source: dict[str, str] = Field(description="field or group -> where its figures come from")
+    bead: Bead
+    deposition: Deposition
+    milling: Milling
+
+
+def load_material(name: str) -> Material:
+    """Material by path or shipped name. Raises ConfigError."""
+    return read_facts(Material, find_facts("materials", name))

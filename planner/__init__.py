@@ -1,0 +1,1 @@
+"""From mesh and recipe to toolpaths and G-code."""

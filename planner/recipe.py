@@ -1,0 +1,55 @@
+"""What is wanted of a part: one validated TOML; whatever is left out comes from the material."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from config import ConfigError, Facts, parse_facts, read_facts
+from config.base import Finite, Fraction, NotNegative, Positive
+from planner.errors import RecipeError
+
+
+class Recipe(Facts):
+    """The recipe. None means: take it from the material (see `planner.process.Settings`)."""
+
+    schema_version: Literal[1] = 1
+    material: str = Field("316L", description="shipped name or path of a material file")
+    process: Literal["hybrid", "deposit", "mill"] = "hybrid"
+    tolerance_mm: Positive = Field(0.1, le=5.0, description="two-sided, of the finished surface; p99 of the deviation must stay below it")
+    cusp_mm: Positive = Field(0.04, le=2.0, description="delta of the facet rule, paper IV")
+    build_direction: tuple[Finite, Finite, Finite] | Literal["auto"] = (0.0, 0.0, 1.0)
+    stock: str | None = Field(None, description="process = mill: STL of the stock, in the part frame; none: the bounding box plus allowance")
+    layer_height_mm: Positive | None = None
+    speed_mm_s: Positive | None = None
+    laser_w: Positive | None = None
+    powder_g_min: Positive | None = None
+    stock_allowance_mm: NotNegative | None = None
+    overbuild: NotNegative | None = None
+    interpass_s: NotNegative | None = None
+    contours: int = Field(1, ge=1, le=20, description="deposited contours per boundary before hatching")
+    hatch_angle_deg: Finite = Field(0.0, description="of the first layer, in the build frame")
+    hatch_rotation_deg: Finite = Field(67.0, description="from layer to layer")
+    step_over: Fraction | None = None
+    mill_every_layers: int | None = Field(None, ge=1, description="side walls are milled after this many layers")
+    mill_every_mm: Positive | None = Field(None, description="or after this height; default: what the cutter's axial depth and flute allow")
+    face_every_layers: int | None = Field(None, ge=1, description="tops are faced after this many layers; the last one always")
+    cutter_diameter_mm: Positive | None = None
+
+
+def parse_recipe(text: str, source: str = "recipe") -> Recipe:
+    """Validate TOML text. Raises RecipeError with one line naming the field."""
+    try:
+        return parse_facts(Recipe, text, source)
+    except ConfigError as error:
+        raise RecipeError(error.message, error.hint) from None
+
+
+def load_recipe(path: Path) -> Recipe:
+    """Read a recipe file. Raises RecipeError with one line naming the file and the field."""
+    try:
+        return read_facts(Recipe, path)
+    except ConfigError as error:
+        raise RecipeError(error.message, error.hint) from None
