@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# Writes requirements.txt from the ranges in pyproject.toml: exact versions and hashes for all systems and Python
+# 3.11 to 3.13, no host names. Pins that still fit stay; UPGRADE=1 takes the newest of everything.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+[ -x .venv/bin/python ] || { echo "lock: run \`make setup\` first" >&2; exit 1; }
+folder=$(mktemp -d) && trap 'rm -rf "$folder"' EXIT
+.venv/bin/python -m venv "$folder/uv"
+"$folder/uv/bin/pip" install --quiet --disable-pip-version-check uv
+"$folder/uv/bin/uv" pip compile pyproject.toml --group dev --output-file .setup/requirements.txt \
+    --generate-hashes --universal --python-version 3.11 --no-emit-index-url --no-header --quiet ${UPGRADE:+--upgrade}
+if grep -n '://' .setup/requirements.txt; then echo "lock: the lines above name a host" >&2; exit 1; fi
+echo "lock: $(grep -c '^[a-zA-Z0-9]' .setup/requirements.txt) packages in .setup/requirements.txt"

@@ -1,0 +1,1 @@
+"""The service: takes jobs, runs the cell, shows the operator what happens."""

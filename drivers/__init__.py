@@ -1,0 +1,1 @@
+"""The near end of the wires: one plain class per device."""

@@ -1,0 +1,1 @@
+"""The far end of the wires: a whole cell in software."""
