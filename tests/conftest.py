@@ -1,4 +1,4 @@
-"""What holds for every test: no window opens, searches are repeatable, and no thread outlives the test that started it."""
+"""What holds for every test: no window opens, searches repeat, no thread outlives the test that started it."""
 
 from __future__ import annotations
 

