@@ -1,0 +1,84 @@
+"""Tangents at contour points from their neighbours (paper Eqs. 2-4)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.nurbs.segments import Chords, Mask
+
+Floats = NDArray[np.float64]
+
+_COLLINEAR = 1e-10  # sine of an angle below which neighbouring chords count as one straight line
+_CUSP = 1e-7  # share of the chords that must be left of V for it to have a direction
+_UNEVEN = 2.0  # an end chord this much shorter than its neighbour makes q0 = 2 q1 - q2 turn round
+
+
+def five_point_tangents(chords: Chords) -> tuple[Floats, Floats, Chords]:
+    """Unit tangents at both ends of every chord, and the chords with cusps taken apart.
+
+    Closed contours look at their neighbours cyclically; runs between corners or open ends are extended by
+    q0 = 2 q1 - q2, q-1 = 2 q0 - q1 and likewise at the far end. Where the denominator of Eq. 4 vanishes (straight
+    runs) the weight is 1/2. A contour that reverses at a point has no tangent there: it is broken like at a corner.
+    Returns (start (S, d) unit, end (S, d) unit, chords).
+    Source: paper Eqs. 2-4; Piegl & Tiller Eqs. 9.28-9.31.
+    """
+    vectors = chords.vectors
+    for _ in range(2):
+        joint, cusps = _joint_directions(vectors, chords)
+        if not cusps.any():
+            break
+        chords = chords.broken_at(cusps | (chords.follows < 0))
+    at_start = _end_directions(vectors, chords.follows)
+    at_end = _end_directions(vectors, chords.precedes)
+    goes_on = np.flatnonzero(chords.follows >= 0)
+    at_end[goes_on] = joint[goes_on]
+    at_start[chords.follows[goes_on]] = joint[goes_on]
+    return _unit(at_start), _unit(at_end), chords
+
+
+def _joint_directions(vectors: Floats, chords: Chords) -> tuple[Floats, Mask]:
+    """V of Eq. 3 at the end of every chord that goes on, and which of them vanish."""
+    follows, precedes = chords.follows, chords.precedes
+    goes_on = follows >= 0
+    after = np.where(goes_on, follows, 0)
+    area = np.where(goes_on, _cross_length(vectors, vectors[after]), 0.0)
+    length = np.linalg.norm(vectors, axis=1)
+    product = length * length[after]
+    before = np.where(precedes >= 0, precedes, np.arange(len(vectors)))
+    beyond = np.where(goes_on[after], after, np.arange(len(vectors)))
+    area_before, area_beyond = area[before], area[beyond]
+    total = area_before + area_beyond
+    straight = total <= _COLLINEAR * (product[before] + product[beyond])
+    weight = np.where(straight, 0.5, area_before / np.where(straight, 1.0, total))[:, None]
+    directions = (1.0 - weight) * vectors + weight * vectors[after]
+    reach = (1.0 - weight[:, 0]) * length + weight[:, 0] * length[after]
+    cusps = goes_on & (np.linalg.norm(directions, axis=1) <= _CUSP * reach)
+    return directions, cusps
+
+
+def _end_directions(vectors: Floats, inner: NDArray[np.intp]) -> Floats:
+    """V at the end of every chord from the chord `inner` on its other side (-1: none, the chord itself).
+
+    With q0 = 2 q1 - q2 both areas of Eq. 4 are equal, so V = 3/2 q1 - 1/2 q2. Where q2 is much longer than q1 the
+    same rule by chord length (the parabola through the three points) takes its place.
+    """
+    has_inner = inner >= 0
+    other = vectors[np.where(has_inner, inner, 0)]
+    own_length = np.linalg.norm(vectors, axis=1)[:, None]
+    other_length = np.linalg.norm(other, axis=1)[:, None]
+    printed = 1.5 * vectors - 0.5 * other
+    own_slope = vectors / own_length
+    parabola = own_slope - (other / other_length - own_slope) * own_length / (own_length + other_length)
+    directions = np.where(other_length <= _UNEVEN * own_length, printed, parabola)
+    return np.where(has_inner[:, None], directions, vectors)
+
+
+def _cross_length(first: Floats, second: Floats) -> Floats:
+    if first.shape[1] == 2:
+        return np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    return np.asarray(np.linalg.norm(np.cross(first, second), axis=1))
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
