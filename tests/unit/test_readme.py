@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -55,7 +56,7 @@ def commands_of(program: str) -> list[list[str]]:
     """The words after `program`, for each place where README calls it."""
     calls = []
     for line in code_lines():
-        for part in re.split(r"&&|\||;", line):
+        for part in re.split(r"&&|\s\|\s|;", line):
             words = [word for word in part.split() if "=" not in word or word.startswith("-")]
             if words and Path(words[0]).name == program:
                 calls.append(words[1:])
@@ -89,13 +90,11 @@ def test_every_make_command_is_a_target() -> None:
 def test_every_cellctl_command_and_option_is_known_to_the_command_line() -> None:
     unknown = []
     for words in commands_of("cellctl"):
-        if not words or not re.fullmatch(r"[a-z][a-z|-]*", words[0]):
-            continue
-        for command in words[0].split("|"):
-            shown = help_of(command)
+        plain = list(takewhile(re.compile(r"[a-z][a-z|-]*").fullmatch, words))
+        options = [word.split("=")[0].strip("[],)") for word in words if word.lstrip("[").startswith("--")]
+        for command in plain[0].split("|") if plain else []:
+            shown = help_of(" ".join([command, *plain[1:]]))
             if shown.returncode != 0:
-                unknown.append(f"cellctl {command}")
-                continue
-            options = [word.split("=")[0].rstrip("],)") for word in words[1:] if word.startswith("--")]
+                unknown.append(f"cellctl {' '.join([command, *plain[1:]])}")
             unknown += [f"cellctl {command} {option}" for option in options if option not in shown.stdout]
     assert not unknown, f"README.md names {unknown}"
