@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 PAIRED, OPEN, SAME_DIRECTION, CROWDED = 0, 1, 2, 3
 """State of a half-edge: one mate the other way round; no mate; one mate in the same direction; three or more facets."""
 
+COINCIDENT_RAD = 1e-9
+"""Facets around an edge that are nearer than this lie on each other: far above the rounding of an angle."""
+
 
 @njit(cache=True)
-def pair_half_edges(
-    facets: NDArray[np.int64], vertex_count: int
-) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+def pair_half_edges(facets: NDArray[np.int64], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
     """Mate of every half-edge.
 
     facets : (m, 3) int64   half-edge 3f + j runs from facets[f, j] to facets[f, (j + 1) % 3]
@@ -82,10 +83,16 @@ def pair_crowded(
         for h in sorted(forward, key=lambda item: (angle[item], item)):
             if not backward:
                 break
-            chosen = min(backward, key=lambda g: ((angle[h] - angle[g]) % (2.0 * np.pi), g))
+            chosen = min(backward, key=lambda g: (_turn_into_material(angle[h] - angle[g]), g))
             backward.remove(chosen)
             mate[h], mate[chosen] = chosen, h
             state[h] = state[chosen] = PAIRED
+
+
+def _turn_into_material(difference: float) -> float:
+    """Angle (rad) turned from a facet into its material; facets that coincide bound different material."""
+    turn = float(difference % (2.0 * np.pi))
+    return turn if turn > COINCIDENT_RAD else 2.0 * np.pi
 
 
 def _angles_around(

@@ -42,9 +42,7 @@ class Mesh:
             bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
             raise MeshError(f"{bad} vertices of the mesh are not finite numbers", "export the model again")
         if len(facets) and (facets.min() < 0 or facets.max() >= len(vertices)):
-            raise MeshError(
-                f"a facet names a vertex outside 0 … {len(vertices) - 1}", "export the model again"
-            )
+            raise MeshError(f"a facet names a vertex outside 0 … {len(vertices) - 1}", "export the model again")
         vertices.setflags(write=False)
         facets.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
@@ -129,6 +127,11 @@ class Mesh:
         mate, state = self._half_edges
         return np.where(state == half_edges.PAIRED, mate // 3, -1).reshape(-1, 3)
 
+    @property
+    def half_edge_mates(self) -> Ints:
+        """(3m,) int64: the other half-edge of each edge, 3f + j; -1 where there is none or more than one."""
+        return self._half_edges[0]
+
     @cached_property
     def edge_state(self) -> NDArray[np.int8]:
         """(m, 3) int8: PAIRED, OPEN, SAME_DIRECTION or CROWDED (planner.mesh.adjacency) of each edge."""
@@ -141,7 +144,7 @@ class Mesh:
 
     @cached_property
     def sha256(self) -> str:
-        """Hex digest of the canonical bytes: counts, vertices as little-endian doubles, facets as little-endian int64."""
+        """Hex digest of the canonical bytes: counts, then vertices (float64) and facets (int64), little-endian."""
         digest = hashlib.sha256(b"mesh mm 1\n")
         digest.update(np.array([len(self.vertices), len(self.facets)], dtype="<i8").tobytes())
         digest.update((self.vertices + 0.0).astype("<f8").tobytes())

@@ -117,7 +117,7 @@ def link_loops(following: Ints) -> tuple[Ints, Ints, int]:
 
 @njit(cache=True)
 def _same_point(points: Floats, p: int, q: int) -> bool:
-    return points[p, 0] == points[q, 0] and points[p, 1] == points[q, 1] and points[p, 2] == points[q, 2]
+    return bool(points[p, 0] == points[q, 0] and points[p, 1] == points[q, 1] and points[p, 2] == points[q, 2])
 
 
 @njit(cache=True)

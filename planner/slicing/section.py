@@ -67,12 +67,12 @@ class Section:
     @property
     def origin(self) -> Floats:
         """(3,) float, mm: the plane's point, where xy = (0, 0)."""
-        return self.frame[0]
+        return np.asarray(self.frame[0])
 
     @property
     def normal(self) -> Floats:
         """(3,) float: the plane's unit normal."""
-        return self.frame[3]
+        return np.asarray(self.frame[3])
 
     @property
     def area_mm2(self) -> float:

@@ -23,9 +23,7 @@ SNAP_FRACTION = 1e-9
 (so planes that were computed meet the vertices they mean), far below that of an STL's 32-bit coordinates (6e-8)."""
 
 
-def slice_mesh(
-    mesh: Mesh | trimesh.Trimesh, planes: ArrayLike, side: Side = "above"
-) -> list[Section]:
+def slice_mesh(mesh: Mesh | trimesh.Trimesh, planes: ArrayLike, side: Side = "above") -> list[Section]:
     """All contours of a closed mesh in all planes at once, one Section per plane, in the order of the planes.
 
     mesh   : Mesh, or `trimesh.Trimesh` in mm
@@ -99,7 +97,10 @@ class _Loops:
         gather = np.repeat(start[:-1][by_plane] - self.start[:-1], counts) + np.arange(self.start[-1])
         self.plane = plane[by_plane]
         self.points, self.facets, self.edges, self.weights = (
-            points[gather], facets[gather], edges[gather], weights[gather]
+            points[gather],
+            facets[gather],
+            edges[gather],
+            weights[gather],
         )
 
     def by_plane(self, planes: Floats, snap_mm: float) -> list[Section]:
@@ -116,9 +117,7 @@ class _Loops:
         for k, plane in enumerate(planes):
             numbers = np.arange(first[k], first[k + 1])[solid[first[k] : first[k + 1]]]
             place = {int(number): i for i, number in enumerate(numbers)}
-            loops = [
-                self._loop(int(n), xy, float(area[n]), place.get(int(parent[n]), -1)) for n in numbers
-            ]
+            loops = [self._loop(int(n), xy, float(area[n]), place.get(int(parent[n]), -1)) for n in numbers]
             section = Section(plane.copy(), frames[k], loops)
             if section.area_mm2 < 0.0:
                 _refuse_inverted(section)

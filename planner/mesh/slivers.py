@@ -1,0 +1,69 @@
+"""Facets without area: removed by giving their longest edge's neighbour the vertex on it, so that nothing opens."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.mesh.findings import Finding
+from planner.mesh.mesh import Floats, Ints, Mesh
+
+FLAT_FRACTION = 1e-9
+"""Height of a facet, as a fraction of the part's diagonal, below which it has no area: below the rounding of 32-bit
+coordinates (6e-8), so that only facets whose corners lie on one line are meant."""
+_MAX_ROUNDS = 8
+"""Flips that one flat facet may need in turn, where several lie on one line."""
+
+
+def flat_facets(vertices: Floats, facets: Ints, diagonal: float) -> Ints:
+    """Numbers of the facets whose height over their longest edge is below FLAT_FRACTION of the diagonal (mm)."""
+    corners = vertices[facets]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.flatnonzero(doubled <= FLAT_FRACTION * diagonal * longest)
+
+
+def flip_slivers(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
+    """Remove the facets without area from a closed mesh; it stays closed and keeps its shape.
+
+    Returns the mesh and a Finding for those removed and one for those that had to stay (none if there are none).
+    """
+    flat = flat_facets(mesh.vertices, mesh.facets, mesh.diagonal)
+    if not len(flat):
+        return mesh, []
+    before, place, start = len(flat), mesh.centroids[flat[0]], mesh
+    for _ in range(_MAX_ROUNDS):
+        flipped = _flip_round(mesh, flat)
+        mesh = Mesh(mesh.vertices, flipped)
+        flat = flat_facets(mesh.vertices, mesh.facets, mesh.diagonal)
+        if not len(flat):
+            break
+    findings = []
+    if before > len(flat):
+        change = mesh.volume - start.volume
+        text = f"{before - len(flat)} degenerate facets (corners on one line) replaced by dividing their neighbours"
+        findings.append(Finding("degenerate_facets", before - len(flat), place, True, change, text))
+    if len(flat):
+        text = f"{len(flat)} degenerate facets (corners on one line) could not be removed; they do no harm to slicing"
+        findings.append(Finding("degenerate_facets", len(flat), mesh.centroids[flat[0]], False, 0.0, text))
+    return mesh, findings
+
+
+def _flip_round(mesh: Mesh, flat: Ints) -> Ints:
+    """Facets after flipping the longest edge of every flat facet whose neighbourhood no other flip has touched."""
+    facets = mesh.facets.copy()
+    touched: set[int] = set()
+    for f in flat.tolist():
+        corners = mesh.vertices[mesh.facets[f]]
+        j = int(np.argmax(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)))
+        g = int(mesh.adjacency[f, j])
+        ring = {f, g, *mesh.adjacency[f].tolist(), *mesh.adjacency[g].tolist()}
+        if g < 0 or ring & touched:
+            continue
+        p, q, r = (int(mesh.facets[f, (j + i) % 3]) for i in range(3))
+        s = next(int(v) for v in mesh.facets[g] if v not in (p, q))
+        if s == r or bool(((mesh.facets == r).any(axis=1) & (mesh.facets == s).any(axis=1)).any()):
+            continue
+        facets[f] = (p, s, r)
+        facets[g] = (s, q, r)
+        touched |= ring
+    return facets
