@@ -24,7 +24,8 @@ def main(words: list[str]) -> int:
     """Measure; exit 1 if nothing was chosen or a measurement failed (the others still run)."""
     names = chosen(words)
     if not names:
-        print(f"bench: no tests/bench/bench_*.py holds one of {words}", file=sys.stderr)
+        asked = f" with {' or '.join(words)} in its name" if words else ""
+        print(f"bench: there is no tests/bench/bench_*.py{asked}", file=sys.stderr)
         return 1
     print(f"{platform.platform()}, Python {platform.python_version()}, {len(names)} measurements\n", flush=True)
     failed = []
