@@ -59,7 +59,7 @@ class ArcLengthTable:
             step = at - np.divide(error, speed, out=np.full_like(error, np.inf), where=speed > 0.0)
             inside = (step > low[open_ones]) & (step < high[open_ones])
             u[open_ones] = np.where(inside, step, 0.5 * (low[open_ones] + high[open_ones]))
-        return u
+        return np.asarray(u)
 
     def _integral(self, low: Floats, high: Floats) -> Floats:
         half = 0.5 * (high - low)

@@ -69,7 +69,8 @@ def join(curves: Sequence[Curve], gap_tolerance_mm: float = 1e-6) -> Curve:
             continue
         if rational:
             own = own * (rows[-1, -1] / own[0, -1])
-        gap = float(np.abs(curve.control_points[0] - rows[-1][: curve.dimension] / (rows[-1, -1] if rational else 1)).max())
+        reached = rows[-1, :-1] / rows[-1, -1] if rational else rows[-1]
+        gap = float(np.abs(curve.control_points[0] - reached).max())
         if gap > gap_tolerance_mm:
             raise FitError(f"curve {index} starts {gap:.3g} mm from the end of the one before it")
         knots = np.concatenate([knots[:-1], curve.knots[degree + 1 :] - curve.knots[0] + knots[-1]])

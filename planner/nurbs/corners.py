@@ -21,9 +21,9 @@ def turning_angles(points: ArrayLike, *, closed: bool) -> Floats:
     angles = 2.0 * np.arctan2(half, 0.5 * np.linalg.norm(directions + before, axis=1))
     if not closed:
         angles[[0, -1]] = 0.0
-    return angles
+    return np.asarray(angles)
 
 
 def by_turning_angle(points: ArrayLike, angle_deg: float, *, closed: bool = True) -> NDArray[np.bool_]:
     """Which points turn by more than the angle: (n,) bool."""
-    return turning_angles(points, closed=closed) > np.radians(angle_deg)
+    return np.asarray(turning_angles(points, closed=closed) > np.radians(angle_deg))

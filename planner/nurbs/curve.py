@@ -127,7 +127,8 @@ class Curve:
         speed2 = np.einsum("ij,ij->i", first, first)
         along = np.einsum("ij,ij->i", first, second)
         area2 = np.maximum(speed2 * np.einsum("ij,ij->i", second, second) - along**2, 0.0)
-        return np.divide(np.sqrt(area2), speed2**1.5, out=np.full_like(speed2, np.inf), where=speed2 > 0.0)
+        cubed = speed2**1.5
+        return np.asarray(np.divide(np.sqrt(area2), cubed, out=np.full_like(cubed, np.inf), where=cubed > 0.0))
 
     @property
     def length(self) -> float:

@@ -22,10 +22,8 @@ def _points_at(degree: int, knots: Floats, points: Floats, u: Floats, from_left:
     span = first
     for k in range(u.size):
         t = u[k]
-        if from_left:
-            inside = knots[span] < t and t <= knots[span + 1]
-        else:
-            inside = knots[span] <= t and t < knots[span + 1]
+        low_side, high_side = knots[span], knots[span + 1]
+        inside = low_side < t <= high_side if from_left else low_side <= t < high_side
         if not inside:
             low, high = first, last + 1
             while high - low > 1:

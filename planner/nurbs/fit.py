@@ -19,7 +19,12 @@ Handles = Literal["speed", "curvature"]
 
 
 def interpolate(
-    points: ArrayLike, *, closed: bool, corners: ArrayLike | None = None, handles: Handles = "speed"
+    points: ArrayLike,
+    *,
+    closed: bool,
+    corners: ArrayLike | None = None,
+    tangents: ArrayLike | None = None,
+    handles: Handles = "speed",
 ) -> Curve:
     """The cubic NURBS curve through the points.
 
@@ -27,6 +32,8 @@ def interpolate(
     closed  : whether the contour leads back to its first point (smoothly there, unless that point is a corner).
     corners : (n,) bool or (c,) int        Points where the contour has a corner: one-sided tangents, knot of
                                            multiplicity 3. None: smooth everywhere.
+    tangents: (n, d) float                 Known directions of the curve at the points, NaN rows where Eq. 4 shall
+                                           find them. At corners and open ends they are not used.
     handles : "speed" (paper Eq. 5: C1, equal speed at joints and midpoints) or "curvature" (sixth order; joints share
               their tangent, knots of multiplicity 3).
     Returns a curve on (0, 1), parameter proportional to length at the joints. With n pieces, no corners and "speed":
@@ -34,7 +41,7 @@ def interpolate(
     Raises FitError if a point is not finite or fewer than 2 distinct points (closed: 3) remain.
     Source: paper Eqs. 2-11 as corrected; Piegl & Tiller ch. 9.3.4.
     """
-    return interpolate_many([points], closed=closed, corners=[corners], handles=handles)[0]
+    return interpolate_many([points], closed=closed, corners=[corners], tangents=[tangents], handles=handles)[0]
 
 
 def interpolate_many(
@@ -42,11 +49,12 @@ def interpolate_many(
     *,
     closed: bool | Sequence[bool],
     corners: Sequence[ArrayLike | None] | None = None,
+    tangents: Sequence[ArrayLike | None] | None = None,
     handles: Handles = "speed",
 ) -> list[Curve]:
     """One curve per contour as `interpolate` makes it, all contours in one vectorised pass.
 
-    closed  : for all, or one per contour   corners : one entry per contour, or None for none anywhere.
+    closed : for all, or one per contour   corners, tangents : one entry per contour, or None for none anywhere.
     Raises FitError as `interpolate`, saying which contour.
     """
     if handles not in ("speed", "curvature"):
@@ -55,13 +63,15 @@ def interpolate_many(
         return []
     flags = [closed] * len(contours) if isinstance(closed, (bool, np.bool_)) else list(closed)
     marks = [None] * len(contours) if corners is None else list(corners)
-    if len(marks) != len(contours):
-        raise FitError(f"{len(contours)} contours but corners for {len(marks)}")
-    chords = chain_chords(contours, flags, marks)
+    known = [None] * len(contours) if tangents is None else list(tangents)
+    if not len(flags) == len(marks) == len(known) == len(contours):
+        raise FitError(f"{len(contours)} contours but {len(flags)} closed, {len(marks)} corners, {len(known)} tangents")
+    chords = chain_chords(contours, flags, marks, known)
     tangent_start, tangent_end, chords = five_point_tangents(chords)
     speed = equal_speed(chords.vectors, tangent_start, tangent_end)
     if handles == "speed":
-        return _assemble(chords, tangent_start * (speed / 3.0)[:, None], tangent_end * (speed / 3.0)[:, None], speed, True)
+        third = (speed / 3.0)[:, None]
+        return _assemble(chords, tangent_start * third, tangent_end * third, speed, True)
     first, second = matched_curvature(chords, tangent_start, tangent_end)
     width = 1.5 * (first + second)
     return _assemble(chords, tangent_start * first[:, None], tangent_end * second[:, None], width, False)

@@ -9,8 +9,8 @@ from planner.nurbs.segments import Chords
 
 Floats = NDArray[np.float64]
 
-_NEWTON_STEPS = 12
-_CONVERGED = 1e-12  # share of the chord
+_NEWTON_STEPS = 25
+_CONVERGED = 1e-8  # share of the chord
 _HANDLE_RANGE = (0.15, 0.7)  # share of the chord outside which a handle belongs to another branch of the solution
 _SMOOTH_CHANGE = 0.35  # largest share by which curvature may differ between the ends of a piece
 
@@ -28,7 +28,7 @@ def equal_speed(chord: Floats, tangent_start: Floats, tangent_end: Floats) -> Fl
     length2 = np.einsum("ij,ij->i", chord, chord)
     root = np.sqrt(along**2 + square * length2)
     forward = 6.0 * length2 / np.where(along >= 0.0, root + along, 1.0)
-    return np.where(along >= 0.0, forward, 6.0 * (root - along) / square)
+    return np.asarray(np.where(along >= 0.0, forward, 6.0 * (root - along) / square))
 
 
 def matched_curvature(chords: Chords, tangent_start: Floats, tangent_end: Floats) -> tuple[Floats, Floats]:
@@ -42,7 +42,7 @@ def matched_curvature(chords: Chords, tangent_start: Floats, tangent_end: Floats
     vectors = chords.vectors
     length = np.linalg.norm(vectors, axis=1)
     third = equal_speed(vectors, tangent_start, tangent_end) / 3.0
-    normal, curvature_end = _quartic_curvature(chords)
+    normal, curvature_end = _curvature_at_ends(chords)
     smooth = (chords.follows >= 0) & (chords.precedes >= 0)
     before = np.where(smooth, chords.precedes, 0)
     k0, k1 = curvature_end[before], curvature_end
@@ -70,34 +70,47 @@ def matched_curvature(chords: Chords, tangent_start: Floats, tangent_end: Floats
     return np.where(good, d0, third), np.where(good, d1, third)
 
 
-def _quartic_curvature(chords: Chords) -> tuple[Floats, Floats]:
+def _curvature_at_ends(chords: Chords) -> tuple[Floats, Floats]:
     """Unit normal of the osculating plane (S, 3) and signed curvature (S,) at every chord's end.
 
-    From the quartic through five points, parametrised by chord length; 0 where there are no five smooth points.
+    From five points: the circles through three neighbours each (before, around and after the point) give three
+    values, each exact on a circle; kappa is taken as quadratic in arc length s with these as its divided differences,
+    for which kappa = 1, s, s² give 1, (s0+s1+s2)/3 and (sum of si sj, i <= j)/6. Fourth order. 0 where there are no
+    five smooth points.
     """
     own = np.arange(len(chords.start))
-    before, after = chords.precedes, chords.follows
+    after = chords.follows
     beyond = np.where(after >= 0, after[after], -1)
-    known = (before >= 0) & (after >= 0) & (beyond >= 0)
-    rows = np.column_stack([np.where(known, before, own), own, np.where(known, after, own), np.where(known, beyond, own)])
-    steps = _in_space(chords.vectors)[rows]
-    reach = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(np.linalg.norm(steps, axis=2), axis=1)], axis=1)
-    nodes = reach - reach[:, 2:3]
-    places = np.concatenate([np.zeros((len(rows), 1, 3)), np.cumsum(steps, axis=1)], axis=1)
-    places = places - places[:, 2:3]
-    scale = reach[:, 4:5]
-    powers = (nodes / scale)[:, :, None] ** np.arange(5)
-    powers[~known] = np.eye(5)
-    coefficients = np.linalg.solve(powers, places)
-    velocity, acceleration = coefficients[:, 1] / scale, 2.0 * coefficients[:, 2] / scale**2
-    bend = np.cross(velocity, acceleration)
-    size = np.linalg.norm(bend, axis=1)
-    flat = np.broadcast_to([0.0, 0.0, 1.0], bend.shape)
-    normal = np.where(size[:, None] > 0.0, bend / np.where(size > 0.0, size, 1.0)[:, None], flat)
+    known = (chords.precedes >= 0) & (after >= 0) & (beyond >= 0)
+    before, after, beyond = (np.where(known, rows, own) for rows in (chords.precedes, after, beyond))
+    vectors = _in_space(chords.vectors)
+    length = np.linalg.norm(vectors, axis=1)
+    follower = np.where(chords.follows >= 0, chords.follows, own)
+    third_side = np.linalg.norm(vectors + vectors[follower], axis=1)
+    product = np.maximum(length * length[follower] * third_side, 1e-300)
+    circle = 2.0 * np.cross(vectors, vectors[follower]) / product[:, None]
+    bend = np.linalg.norm(circle, axis=1)
+    reach = length * (1.0 + (bend * length) ** 2 / 24.0)
+    zero = np.zeros(len(own))
+    places = [-reach[own] - reach[before], -reach[own], zero, reach[after], reach[after] + reach[beyond]]
+    system = np.empty((len(own), 3, 3))
+    for row in range(3):
+        a, b, c = places[row : row + 3]
+        system[:, row] = np.column_stack(
+            [zero + 1.0, (a + b + c) / 3.0, (a * a + b * b + c * c + a * b + b * c + c * a) / 6.0]
+        )
+    scale = np.maximum(reach, 1e-300)
+    system[:, :, 1] /= scale[:, None]
+    system[:, :, 2] /= scale[:, None] ** 2
+    system[~known] = np.eye(3)
+    values = np.stack([circle[before], circle[own], circle[after]], axis=1)
+    turning = np.linalg.solve(system, values)[:, 0]
+    flat = np.broadcast_to([0.0, 0.0, 1.0], turning.shape)
+    size = np.linalg.norm(turning, axis=1)[:, None]
+    normal = np.where(size > 0.0, turning / np.where(size > 0.0, size, 1.0), flat)
     if chords.points.shape[1] == 2:
         normal = np.array(flat)
-    signed = np.einsum("ij,ij->i", bend, normal) / np.linalg.norm(velocity, axis=1) ** 3
-    return normal, np.where(known, signed, 0.0)
+    return normal, np.where(known, np.einsum("ij,ij->i", turning, normal), 0.0)
 
 
 def _in_space(vectors: Floats) -> Floats:

@@ -9,6 +9,7 @@ holes and vanishing regions need no cases of their own.
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 import shapely
@@ -18,7 +19,7 @@ from shapely import MultiPolygon, Polygon
 from planner.nurbs.densify import drop_collinear
 
 Floats = NDArray[np.float64]
-Region = Polygon | MultiPolygon
+Region: TypeAlias = Polygon | MultiPolygon
 
 CHORD_ERROR_MM = 5e-4  # of sampled curves and of arcs round corners: a quarter of the 2e-3 mm promised for offsets
 _MAX_ARC_STEP = math.radians(10.0)  # arcs stay round to the eye, and smooth to the corner test, at any radius
@@ -66,7 +67,8 @@ def _offset(region: Region, distance_mm: float, chord_error_mm: float, outward: 
     polygons = [part for part in shapely.get_parts(region) if not part.is_empty]
     if not polygons or distance_mm == 0.0:
         return MultiPolygon(polygons)
-    rings = [_oriented(ring, is_hole) for part in polygons for is_hole, ring in _rings(part)]
+    rings = [_oriented(part.exterior, False) for part in polygons]
+    rings += [_oriented(hole, True) for part in polygons for hole in part.interiors]
     signed = distance_mm if outward else -distance_mm
     raw = [shapely.LinearRing(_raw_offset(ring, signed, chord_error_mm)) for ring in rings]
     faces = shapely.get_parts(shapely.polygonize([shapely.unary_union(raw)]))
@@ -83,12 +85,9 @@ def _offset(region: Region, distance_mm: float, chord_error_mm: float, outward: 
     return _without_slivers(shapely.union_all(faces[kept]), chord_error_mm)
 
 
-def _rings(polygon: Polygon) -> list[tuple[bool, Floats]]:
-    return [(False, shapely.get_coordinates(polygon.exterior)), *((True, shapely.get_coordinates(r)) for r in polygon.interiors)]
-
-
-def _oriented(ring: Floats, is_hole: bool) -> Floats:
+def _oriented(line: shapely.LinearRing, is_hole: bool) -> Floats:
     """The ring's distinct points with the region on the left: outlines counter-clockwise, holes clockwise."""
+    ring = shapely.get_coordinates(line)
     points = ring[:-1][np.any(ring[:-1] != ring[1:], axis=1)]
     points, _ = drop_collinear(points, _FOLD, closed=True)
     following = np.roll(points, -1, axis=0)
@@ -122,7 +121,7 @@ def _raw_offset(ring: Floats, signed_mm: float, chord_error_mm: float) -> Floats
     share = np.where(counts[owner] > 1, place / np.maximum(counts[owner] - 1, 1), 0.5)
     heading = np.arctan2(before[owner, 1], before[owner, 0]) + share * turn[owner]
     reach = np.where(mitre[owner], signed_mm / np.maximum(np.cos(half[owner]), 1e-9), signed_mm)
-    return ring[owner] + reach[:, None] * np.column_stack([np.sin(heading), -np.cos(heading)])
+    return np.asarray(ring[owner] + reach[:, None] * np.column_stack([np.sin(heading), -np.cos(heading)]))
 
 
 def _without_slivers(shape: Region, chord_error_mm: float) -> MultiPolygon:

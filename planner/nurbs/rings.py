@@ -24,6 +24,9 @@ _CORNER_RAD = np.radians(25.0)  # arcs of offsets turn by 10 degrees at most fro
 _FINE = 2.0  # times the chord error: what a vertex of a sampled smooth curve may bulge
 _TURN_PER_PIECE = 0.4  # rad: one cubic piece per 23 degrees stays within 1e-4 of the radius
 _REFINEMENTS = 10
+_HERMITE = 2.6e-3  # error of a cubic piece of length h on a circle: 2.6e-3 h⁴ / R³ (measured: R 23, 100 pieces)
+_LEAST_PIECES = 6  # of a closed curve: fewer turn by more than equal speed can follow
+_PROBES = 8  # per piece, where it is measured against the polyline
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,10 @@ def fit_loops(loops: Sequence[Floats], tolerance_mm: float) -> list[Curve]:
             for index in waiting:
                 thinned[index].keep_every_side()
         fitted = interpolate_many(
-            [thinned[i].points for i in waiting], closed=True, corners=[thinned[i].corner for i in waiting]
+            [thinned[i].points for i in waiting],
+            closed=True,
+            corners=[thinned[i].corner for i in waiting],
+            tangents=[thinned[i].tangents for i in waiting],
         )
         still = []
         for index, curve in zip(waiting, fitted, strict=True):
@@ -122,87 +128,99 @@ def fit_loops(loops: Sequence[Floats], tolerance_mm: float) -> list[Curve]:
 
 
 class _Loop:
-    """A dense closed polyline and the few places on it (by length along it) that the curve goes through."""
+    """A dense closed polyline and the few of its vertices that the curve goes through."""
 
     def __init__(self, loop: Floats, tolerance_mm: float) -> None:
         path = loop[np.any(loop != np.roll(loop, 1, axis=0), axis=1)]
         turn = turning_angles(path, closed=True)
         start = int(np.argmax(turn))
-        path, turn = np.roll(path, -start, axis=0), np.roll(turn, -start)
-        sides = np.linalg.norm(np.roll(path, -1, axis=0) - path, axis=1)
-        fine = _FINE * min(CHORD_ERROR_MM, tolerance_mm)
-        bulge = turn * np.minimum(sides, np.roll(sides, 1)) / 8.0
+        self._path, turn = np.roll(path, -start, axis=0), np.roll(turn, -start)
         self._tolerance = tolerance_mm
-        self._path = np.vstack([path, path[:1]])
-        self._at = np.concatenate([[0.0], np.cumsum(sides)])
-        self._is_corner = (turn > _CORNER_RAD) | (bulge > fine)
-        straight = sides * np.maximum(turn, np.roll(turn, -1)) / 8.0 > fine
-        self._line = shapely.LineString(self._path)
+        sides = np.roll(self._path, -1, axis=0) - self._path
+        length = np.linalg.norm(sides, axis=1)
+        fine = _FINE * min(CHORD_ERROR_MM, tolerance_mm)
+        self._is_corner = (turn > _CORNER_RAD) | (turn * np.minimum(length, np.roll(length, 1)) / 8.0 > fine)
+        is_straight = length * np.maximum(turn, np.roll(turn, -1)) / 8.0 > fine
+        self._tangents = _circle_tangents(sides / length[:, None], length, is_straight)
+        self._at = np.concatenate([[0.0], np.cumsum(length)])
+        self._line = shapely.LineString(np.vstack([self._path, self._path[:1]]))
         shapely.prepare(self._line)
-        self._set_places(self._first_places(turn, sides, straight))
+        self._is_chosen = self._first_choice(turn, length, is_straight)
 
-    def _first_places(self, turn: Floats, sides: Floats, straight: Mask) -> Floats:
-        """Corners, both thirds and ends of straight sides, and vertices so that no piece turns or reaches too far."""
-        radius = np.maximum(0.5 * (sides + np.roll(sides, 1)) / np.maximum(turn, 1e-12), 1e-9)
-        reach = np.minimum(_TURN_PER_PIECE * radius, (0.1 * self._tolerance * radius**3 / 2.6e-3) ** 0.25)
-        smooth = ~self._is_corner
-        cost = sides * 0.5 * (smooth / reach + np.roll(smooth / reach, -1))
-        cost[straight] = 0.0
-        passed = np.concatenate([[0.0], np.cumsum(cost)])[:-1]
-        steps = np.floor(passed)
-        chosen = np.diff(steps, prepend=-1.0) > 0.0
-        chosen |= self._is_corner | straight | np.roll(straight, 1)
-        thirds = [self._at[:-1][straight] + share * sides[straight] for share in (1.0 / 3.0, 2.0 / 3.0)]
-        chosen[0] = True
-        places = np.concatenate([self._at[:-1][chosen], *thirds])
-        even = self._at[:-1][np.linspace(0, len(sides) - 1, min(len(sides), 6)).astype(np.intp)]
-        return places if len(places) >= 6 else np.concatenate([places, even])
+    def _first_choice(self, turn: Floats, length: Floats, is_straight: Mask) -> Mask:
+        """Corners, ends of straight sides, and vertices so that no piece turns or reaches too far."""
+        radius = np.maximum(0.5 * (length + np.roll(length, 1)) / np.maximum(turn, 1e-12), 1e-9)
+        reach = np.minimum(_TURN_PER_PIECE * radius, (0.2 * self._tolerance * radius**3 / _HERMITE) ** 0.25)
+        rate = np.where(self._is_corner, 0.0, 1.0 / reach)
+        cost = np.where(is_straight, 0.0, 0.5 * length * (rate + np.roll(rate, -1)))
+        passed = np.floor(np.concatenate([[0.0], np.cumsum(cost)])[:-1])
+        chosen = np.diff(passed, prepend=-1.0) > 0.0
+        chosen |= self._is_corner | is_straight | np.roll(is_straight, 1)
+        if chosen.sum() < _LEAST_PIECES:
+            chosen[np.linspace(0, len(chosen) - 1, min(len(chosen), _LEAST_PIECES)).astype(np.intp)] = True
+        return np.asarray(chosen)
 
-    def _set_places(self, places: Floats) -> None:
-        self.places = np.unique(places)
-        self.points = np.column_stack([np.interp(self.places, self._at, self._path[:, axis]) for axis in (0, 1)])
-        self.corner = np.isin(self.places, self._at[:-1][self._is_corner])
+    @property
+    def points(self) -> Floats:
+        """(k, 2) float, mm   The vertices that the curve goes through."""
+        return self._path[self._is_chosen]
+
+    @property
+    def corner(self) -> Mask:
+        """(k,) bool   Which of them are corners."""
+        return np.asarray(self._is_corner[self._is_chosen])
+
+    @property
+    def tangents(self) -> Floats:
+        """(k, 2) float   The polyline's own directions at them."""
+        return self._tangents[self._is_chosen]
 
     def refine(self, curve: Curve) -> bool:
-        """Add places in every piece of the curve that leaves the tolerance; whether there were any."""
-        edges = curve.breaks
-        samples = divide_evenly(edges, np.full(len(edges) - 1, 8, dtype=np.intp))[:-1]
-        away = shapely.distance(self._line, shapely.points(curve.evaluate(samples))).reshape(-1, 8).max(axis=1)
-        low, high = self.places, np.append(self.places[1:], self._at[-1])
-        if len(away) != len(low):
-            raise FitError("a ring repeats a point within 1e-9 mm", "use a coarser chord error")
-        skipped = self._skipped(curve, edges)
-        bad = np.flatnonzero(np.maximum(away, skipped) > self._tolerance)
-        if bad.size == 0:
-            return False
-        middle = 0.5 * (low[bad] + high[bad])
-        vertices = self._at[:-1]
-        nearest = np.searchsorted(vertices, middle)
-        pick = vertices[np.minimum(nearest, len(vertices) - 1)]
-        lower = vertices[np.maximum(nearest - 1, 0)]
-        pick = np.where(np.abs(lower - middle) < np.abs(pick - middle), lower, pick)
-        has_vertex = (pick > low[bad]) & (pick < high[bad])
-        width = (high - low)[bad][~has_vertex]
-        thirds = [low[bad][~has_vertex] + share * width for share in (1.0 / 3.0, 2.0 / 3.0)]
-        self._set_places(np.concatenate([self.places, pick[has_vertex], *thirds]))
-        return True
+        """Go through one more vertex in every piece of the curve that leaves the tolerance; whether there were any.
 
-    def _skipped(self, curve: Curve, edges: Floats) -> Floats:
-        """Per piece, the largest distance of the polyline's own vertices from the piece's samples (as chords)."""
-        vertices = self._at[:-1]
-        piece = np.clip(np.searchsorted(self.places, vertices, side="right") - 1, 0, len(edges) - 2)
-        ends = np.append(self.places, self._at[-1])
-        share = (vertices - ends[piece]) / (ends[piece + 1] - ends[piece])
+        A piece without another vertex becomes straight: both its ends are corners then.
+        """
+        edges = curve.breaks
+        samples = divide_evenly(edges, np.full(len(edges) - 1, _PROBES, dtype=np.intp))[:-1]
+        away = shapely.distance(self._line, shapely.points(curve.evaluate(samples))).reshape(-1, _PROBES).max(axis=1)
+        chosen = np.flatnonzero(self._is_chosen)
+        if len(away) != len(chosen):
+            raise FitError("a ring repeats a point within 1e-9 mm", "use a coarser chord error")
+        bad = np.flatnonzero(np.maximum(away, self._skipped(curve, chosen)) > self._tolerance)
+        low, high = chosen[bad], np.append(chosen[1:], len(self._path))[bad]
+        middle = np.searchsorted(self._at, 0.5 * (self._at[low] + self._at[high]))
+        self._is_chosen[np.clip(middle, low + 1, high - 1)[high - low > 1]] = True
+        bare = high - low == 1
+        self._is_corner[np.concatenate([low[bare], high[bare] % len(self._path)])] = True
+        return bool(bad.size)
+
+    def _skipped(self, curve: Curve, chosen: NDArray[np.intp]) -> Floats:
+        """Per piece, the largest distance from the curve of the vertices that it passes by."""
+        edges = curve.breaks
+        piece = np.searchsorted(chosen, np.arange(len(self._path)), side="right") - 1
+        reached = np.append(self._at[chosen], self._at[-1])
+        share = (self._at[:-1] - reached[piece]) / (reached[piece + 1] - reached[piece])
         u = edges[piece] + share * (edges[piece + 1] - edges[piece])
         point, first = curve.derivatives(u, 1)
-        away = self._path[:-1] - point
-        along = np.einsum("ij,ij->i", away, first) / np.maximum(np.einsum("ij,ij->i", first, first), 1e-300)
-        distance = np.linalg.norm(self._path[:-1] - curve.evaluate(np.clip(u + along, edges[0], edges[-1])), axis=1)
+        along = ((self._path - point) * first).sum(axis=1) / np.maximum((first**2).sum(axis=1), 1e-300)
+        foot = curve.evaluate(np.clip(u + along, edges[piece], edges[piece + 1]))
         worst = np.zeros(len(edges) - 1)
-        np.maximum.at(worst, piece, distance)
+        np.maximum.at(worst, piece, np.linalg.norm(self._path - foot, axis=1))
         return worst
 
     def keep_every_side(self) -> None:
         """Go through all vertices, each a corner: the polyline itself."""
         self._is_corner[:] = True
-        self._set_places(self._at[:-1])
+        self._is_chosen[:] = True
+
+
+def _circle_tangents(directions: Floats, length: Floats, is_straight: Mask) -> Floats:
+    """At every vertex the tangent of the circle through it and its neighbours; beside a straight side, its direction.
+
+    directions : (n, 2) unit, of the side after each vertex.   length : (n,) of it.
+    """
+    before, length_before = np.roll(directions, 1, axis=0), np.roll(length, 1)
+    tangents = before * length[:, None] + directions * length_before[:, None]
+    after_straight = np.roll(is_straight, 1)
+    tangents = np.where(after_straight[:, None], before, tangents)
+    return np.where((is_straight & (~after_straight | (length > length_before)))[:, None], directions, tangents)

@@ -60,7 +60,7 @@ class RuledSurface:
         across = self.curve1.evaluate(u) - self.curve0.evaluate(u)
         normal = np.cross(along, across)
         length = np.linalg.norm(normal, axis=1)[:, None]
-        return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+        return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0))
 
     def twist(self, u: ArrayLike) -> Floats:
         """Angle between the surface normals at both ends of each ruling: (k,) float, rad, 0 ... pi.
@@ -68,7 +68,8 @@ class RuledSurface:
         Zero everywhere on a developable surface: a cylinder's side can mill it without a cut into it.
         """
         first, second = self.normals(u, 0.0), self.normals(u, 1.0)
-        return np.asarray(2.0 * np.arctan2(np.linalg.norm(first - second, axis=1), np.linalg.norm(first + second, axis=1)))
+        apart, together = np.linalg.norm(first - second, axis=1), np.linalg.norm(first + second, axis=1)
+        return np.asarray(2.0 * np.arctan2(apart, together))
 
 
 def on_common_basis(first: Curve, second: Curve) -> tuple[Curve, Curve]:
@@ -80,7 +81,8 @@ def on_common_basis(first: Curve, second: Curve) -> tuple[Curve, Curve]:
     one = first.with_domain(0.0, 1.0).with_degree(degree)
     other = second.with_domain(0.0, 1.0).with_degree(degree)
     other = _with_knots_snapped(other, one.knots)
-    return one.with_knots(missing_knots(one.knots, other.knots)), other.with_knots(missing_knots(other.knots, one.knots))
+    for_one, for_other = missing_knots(one.knots, other.knots), missing_knots(other.knots, one.knots)
+    return one.with_knots(for_one), other.with_knots(for_other)
 
 
 def _with_knots_snapped(curve: Curve, knots: Floats) -> Curve:

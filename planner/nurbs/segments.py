@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,7 @@ class Chords:
     follows  : (S,) int           The chord that goes on smoothly from its end, or -1 at corners and open ends.
     precedes : (S,) int           The chord from which its start goes on smoothly, or -1.
     contour  : (S,) int           The contour that it belongs to.
+    tangents : (N, d) float       Known unit tangents at the points, NaN where they are not known.
     """
 
     points: Floats
@@ -35,6 +36,7 @@ class Chords:
     follows: Indices
     precedes: Indices
     contour: Indices
+    tangents: Floats
 
     @property
     def vectors(self) -> Floats:
@@ -44,34 +46,40 @@ class Chords:
     def broken_at(self, joints: Mask) -> Chords:
         """The same chords with no smooth way on from the marked ones ((S,) bool)."""
         follows = np.where(joints, -1, self.follows)
-        return Chords(self.points, self.start, self.end, follows, _inverse(follows), self.contour)
+        return replace(self, follows=follows, precedes=_inverse(follows))
 
 
 def chain_chords(
-    contours: Sequence[ArrayLike], closed: Sequence[bool], corners: Sequence[ArrayLike | None]
+    contours: Sequence[ArrayLike],
+    closed: Sequence[bool],
+    corners: Sequence[ArrayLike | None],
+    tangents: Sequence[ArrayLike | None],
 ) -> Chords:
     """The chords of the contours, consecutive equal points dropped.
 
     contours : (n_i, d) float, mm, d = 2 or 3   A closed one may repeat its first point at its end.
     corners  : per contour a (n_i,) bool mask, indices, or None
-    Raises FitError if a point is not finite or fewer than 2 distinct points (closed: 3) remain; says which contour.
+    tangents : per contour (n_i, d) float, any length, NaN rows where not known, or None
+    Raises FitError if a point is not finite, flags or tangents do not match the points, or fewer than 2 distinct
+    points (closed: 3) remain; says which contour.
     """
     arrays = [_checked(points, index) for index, points in enumerate(contours)]
     if len({array.shape[1] for array in arrays}) > 1:
         raise FitError("contours of 2 and of 3 dimensions cannot be fitted in one call")
-    masks = [_corner_mask(mask, len(points), index) for index, (mask, points) in enumerate(zip(corners, arrays, strict=True))]
-    points, corner = np.concatenate(arrays), np.concatenate(masks)
+    masks = [_corner_mask(mask, len(array), i) for i, (mask, array) in enumerate(zip(corners, arrays, strict=True))]
+    known = [_unit_tangents(given, array, i) for i, (given, array) in enumerate(zip(tangents, arrays, strict=True))]
+    points, corner, directions = np.concatenate(arrays), np.concatenate(masks), np.concatenate(known)
     owner = np.repeat(np.arange(len(arrays)), [len(array) for array in arrays])
     is_closed = np.asarray(closed, dtype=bool)
-    if len(is_closed) != len(arrays):
-        raise FitError(f"{len(arrays)} contours but {len(is_closed)} closed flags")
-    points, corner, owner = _without_duplicates(points, corner, owner, is_closed)
+    stays, corner = _duplicates_dropped(points, corner, owner, is_closed)
+    points, corner, owner, directions = points[stays], corner[stays], owner[stays], directions[stays]
     counts = np.bincount(owner, minlength=len(arrays))
     few = np.flatnonzero(counts < np.where(is_closed, 3, 2))
     if few.size:
         kind, least = ("closed", 3) if is_closed[few[0]] else ("open", 2)
         raise FitError(
-            f"contour {few[0]} has {counts[few[0]]} distinct points; {kind} ones need {least}", "drop it or slice elsewhere"
+            f"contour {few[0]} has {counts[few[0]]} distinct points; {kind} ones need {least}",
+            "drop it or slice elsewhere",
         )
     first = np.cumsum(counts) - counts
     last = first + counts - 1
@@ -80,7 +88,7 @@ def chain_chords(
     chord_from = np.full(len(points), -1, dtype=np.intp)
     chord_from[start] = np.arange(len(start))
     follows = np.where(corner[end], -1, chord_from[end])
-    return Chords(points, start, end, follows, _inverse(follows), owner[start])
+    return Chords(points, start, end, follows, _inverse(follows), owner[start], directions)
 
 
 def _checked(points: ArrayLike, index: int) -> Floats:
@@ -109,8 +117,21 @@ def _corner_mask(corners: ArrayLike | None, count: int, index: int) -> Mask:
     return mask
 
 
-def _without_duplicates(points: Floats, corner: Mask, owner: Indices, closed: Mask) -> tuple[Floats, Mask, Indices]:
-    """Drop every point that repeats the one before it (cyclically on closed contours); a dropped corner moves on."""
+def _unit_tangents(tangents: ArrayLike | None, points: Floats, index: int) -> Floats:
+    if tangents is None:
+        return np.full_like(points, np.nan)
+    given = np.asarray(tangents, dtype=np.float64)
+    if given.shape != points.shape:
+        raise FitError(f"contour {index} has points {points.shape} but tangents {given.shape}")
+    length = np.linalg.norm(given, axis=1)[:, None]
+    return np.asarray(np.divide(given, length, out=np.full_like(given, np.nan), where=length > 0.0))
+
+
+def _duplicates_dropped(points: Floats, corner: Mask, owner: Indices, closed: Mask) -> tuple[Mask, Mask]:
+    """Which points stay, and which are corners, when every point that repeats the one before it goes.
+
+    On closed contours the last point also goes if it repeats the first; a dropped corner moves to the point that stays.
+    """
     counts = np.bincount(owner, minlength=len(closed))
     last = np.cumsum(counts) - 1
     first = last - counts + 1
@@ -119,7 +140,7 @@ def _without_duplicates(points: Floats, corner: Mask, owner: Indices, closed: Ma
     same[1:] = (owner[1:] == owner[:-1]) & (np.abs(np.diff(points, axis=0)).max(axis=1) <= tolerance[1:])
     ends_at_start = closed & (counts > 1) & (np.abs(points[last] - points[first]).max(axis=1) <= tolerance[last])
     if not same.any() and not ends_at_start.any():
-        return points, corner, owner
+        return ~same, corner
     kept_at = np.maximum.accumulate(np.where(same, 0, np.arange(len(points))))
     for contour in np.flatnonzero(ends_at_start):
         tail = kept_at[last[contour]]
@@ -128,7 +149,7 @@ def _without_duplicates(points: Floats, corner: Mask, owner: Indices, closed: Ma
             kept_at[kept_at == tail] = first[contour]
     moved = np.zeros(len(points), dtype=bool)
     moved[kept_at[corner]] = True
-    return points[~same], moved[~same], owner[~same]
+    return ~same, moved
 
 
 def _inverse(follows: Indices) -> Indices:

@@ -20,17 +20,28 @@ def five_point_tangents(chords: Chords) -> tuple[Floats, Floats, Chords]:
     Closed contours look at their neighbours cyclically; runs between corners or open ends are extended by
     q0 = 2 q1 - q2, q-1 = 2 q0 - q1 and likewise at the far end. Where the denominator of Eq. 4 vanishes (straight
     runs) the weight is 1/2. A contour that reverses at a point has no tangent there: it is broken like at a corner.
+    Known tangents take the place of Eq. 4's; the free end of a chord whose other end is known is that of a circle.
     Returns (start (S, d) unit, end (S, d) unit, chords).
     Source: paper Eqs. 2-4; Piegl & Tiller Eqs. 9.28-9.31.
     """
     vectors = chords.vectors
+    known = chords.tangents[chords.end]
+    is_known = np.isfinite(known[:, 0]) & (chords.follows >= 0)
     for _ in range(2):
         joint, cusps = _joint_directions(vectors, chords)
+        cusps &= ~is_known
         if not cusps.any():
             break
         chords = chords.broken_at(cusps | (chords.follows < 0))
+    joint[is_known] = known[is_known]
     at_start = _end_directions(vectors, chords.follows)
     at_end = _end_directions(vectors, chords.precedes)
+    if is_known.any():
+        mirrored_start = np.flatnonzero(is_known & (chords.precedes < 0))
+        at_start[mirrored_start] = _mirrored(known[mirrored_start], vectors[mirrored_start])
+        before = np.where(chords.precedes >= 0, chords.precedes, 0)
+        mirrored_end = np.flatnonzero((chords.follows < 0) & (chords.precedes >= 0) & is_known[before])
+        at_end[mirrored_end] = _mirrored(known[before[mirrored_end]], vectors[mirrored_end])
     goes_on = np.flatnonzero(chords.follows >= 0)
     at_end[goes_on] = joint[goes_on]
     at_start[chords.follows[goes_on]] = joint[goes_on]
@@ -72,6 +83,12 @@ def _end_directions(vectors: Floats, inner: NDArray[np.intp]) -> Floats:
     parabola = own_slope - (other / other_length - own_slope) * own_length / (own_length + other_length)
     directions = np.where(other_length <= _UNEVEN * own_length, printed, parabola)
     return np.where(has_inner[:, None], directions, vectors)
+
+
+def _mirrored(tangents: Floats, vectors: Floats) -> Floats:
+    """The tangent at the other end of the circular arc over each chord."""
+    share = np.einsum("ij,ij->i", tangents, vectors) / np.einsum("ij,ij->i", vectors, vectors)
+    return np.asarray(2.0 * share[:, None] * vectors - tangents)
 
 
 def _cross_length(first: Floats, second: Floats) -> Floats:
