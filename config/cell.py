@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Literal
 
@@ -110,7 +111,7 @@ class Link(Facts):
 class Placement(Facts):
     """Where the workpiece is, measured at the machine: part frame in the table frame, and the controller's work offset (G54)."""
 
-    part_origin_mm: Vector3 = Field((0.0, 0.0, 0.0), description="origin of the build frame in the table frame; the table frame is the machine frame at all joints zero")
+    part_origin_mm: Vector3 = Field((0.0, 0.0, 0.0), description="origin of the build frame, table frame (machine frame at joints zero)")
     rotation_deg: Finite = Field(0.0, description="of the build frame about the table's z")
     work_offset: dict[str, float] = Field(default_factory=dict, description="G54 per axis letter, mm or deg, machine coordinates")
     pivots_mm: dict[str, Vector3] = Field(default_factory=dict, description="measured point on a rotary axis, replaces the nominal one of the chain")
@@ -177,6 +178,12 @@ class Cell(Facts):
     chord_tolerance_mm: Positive = Field(0.01, description="linearisation, tip")
     axis_tolerance_deg: Positive = Field(0.05, description="linearisation, tool axis")
     rapid_clearance_mm: Positive = Field(5.0, description="above the highest metal, along the tool axis")
+
+    @property
+    def sha256(self) -> str:
+        """Hash (hex) of what a Program depends on: everything but the wires, the service's address and the simulation."""
+        wires = {"mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True}
+        return hashlib.sha256(self.model_dump_json(exclude=wires).encode()).hexdigest()
 
     @property
     def letters(self) -> tuple[str, ...]:
