@@ -1,0 +1,1 @@
+"""The CNC: grbl 1.1 and grblHAL over a serial line."""
