@@ -66,11 +66,9 @@ def _slice_parallel(body: Mesh, values: Floats, members: Ints, side: Side) -> li
     order = np.argsort(level, kind="stable")
     level, members_sorted = level[order], members[order]
     snap_mm = SNAP_FRACTION * float(np.abs(body.bounds).max() + body.diagonal)
-    if side == "above":
-        rank = np.searchsorted(level + snap_mm, height, side="left")
-    else:
-        rank = np.searchsorted(level - snap_mm, height, side="right")
-    lowest, offset = number_pairs(body.facets, rank.astype(np.int64))
+    least_above = level + snap_mm if side == "above" else np.nextafter(level - snap_mm, -np.inf)
+    rank = np.searchsorted(least_above, height).astype(np.int64)
+    lowest, offset = number_pairs(body.facets, rank)
     facet, plane, tail, head, following = cross_facets(body.facets, body.adjacency, rank, lowest, offset)
     chain, start, open_pair = link_loops(following)
     if open_pair >= 0:

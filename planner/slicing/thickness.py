@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +40,7 @@ def layer_heights(mesh: Mesh, direction: ArrayLike, cusp_mm: float, min_mm: floa
     breaks = _break_heights(mesh, axis, cusp_mm, min_mm)
     touch = LEVEL_FRACTION * float(breaks[-1] - breaks[0])
     heights = [breaks[:1]]
-    for bottom, top in zip(breaks[:-1], breaks[1:], strict=True):
+    for bottom, top in pairwise(breaks):
         inner = divide_span(low, high, allowed, float(bottom), float(top), min_mm, max_mm, touch)
         if not len(inner):
             _refuse_span(mesh, axis, float(bottom), float(top), min_mm, max_mm)
@@ -128,13 +130,13 @@ def divide_span(
     limits = np.minimum(slab_minimum(low, high, allowed, even, touch), max_mm)
     thickness = np.diff(even)
     if (thickness <= limits + slack).all() and (thickness >= min_mm - slack).all():
-        return even
+        return np.asarray(even)
     pushed = greedy.copy()
     pushed[-1] = top
     for i in range(len(pushed) - 2, 0, -1):
         pushed[i] = min(pushed[i], pushed[i + 1] - min_mm)
     if pushed[1] - pushed[0] >= min_mm - slack:
-        return pushed
+        return np.asarray(pushed)
     count = max(int(np.floor((span + slack) / min_mm)), 1)
     each = span / count
     if min_mm - touch <= each <= max_mm + touch:

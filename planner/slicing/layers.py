@@ -1,0 +1,65 @@
+"""The levels between which layers lie: cusp rule and process window, with flat faces kept exactly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.errors import PlanningError
+from planner.mesh.mesh import Mesh
+from planner.slicing.thickness import layer_heights
+
+Floats = NDArray[np.float64]
+
+_FLAT = math.cos(math.radians(0.5))  # facets this near to horizontal make a level
+_LEAST_FACE_MM2 = 0.05  # smaller faces are specks of the mesh, not faces of the part
+MAX_LAYERS = 20_000
+
+
+def flat_levels(mesh: Mesh) -> Floats:
+    """Heights of the horizontal faces, lowest and highest point included, increasing: (k,) float, mm."""
+    is_flat = np.abs(mesh.normals[:, 2]) >= _FLAT
+    heights = np.round(mesh.centroids[is_flat, 2], 6)
+    levels, group = np.unique(heights, return_inverse=True)
+    area = np.bincount(group.reshape(-1), weights=mesh.areas[is_flat], minlength=len(levels))
+    return np.unique(np.concatenate([levels[area >= _LEAST_FACE_MM2], np.round(mesh.bounds[:, 2], 9)]))
+
+
+def even_levels(mesh: Mesh, height_mm: float) -> tuple[Floats, list[str]]:
+    """Levels at most height_mm apart, evenly spread between the flat faces.
+
+    Returns ((n+1,) float mm, findings). A face nearer than a tenth of a layer to the level below is not met exactly.
+    """
+    faces, findings = flat_levels(mesh), []
+    kept = [faces[0]]
+    for level in faces[1:-1]:
+        if min(level - kept[-1], faces[-1] - level) < 0.1 * height_mm:
+            findings.append(f"the flat face at z {level:.3f} mm lies too near to another one and gets no level of its own")
+        else:
+            kept.append(level)
+    kept.append(faces[-1])
+    levels = [kept[0]]
+    for low, high in zip(kept[:-1], kept[1:], strict=True):
+        parts = max(1, math.ceil((high - low) / height_mm - 1e-6))
+        levels.extend(low + (high - low) * (np.arange(parts) + 1) / parts)
+    return np.array(levels), findings
+
+
+def layer_levels(mesh: Mesh, cusp_mm: float, min_mm: float, max_mm: float) -> tuple[Floats, list[str]]:
+    """Levels of all layers of a mesh in its build frame: (n+1,) float mm from the lowest to the highest point, findings.
+
+    min_mm == max_mm : even layers of at most that height; else the cusp rule between the bounds.
+    Raises PlanningError if there would be more layers than a plan can hold.
+    """
+    height = float(mesh.bounds[1, 2] - mesh.bounds[0, 2])
+    if height / max_mm > MAX_LAYERS:
+        raise PlanningError(
+            f"{height / max_mm:.0f} layers of {max_mm:g} mm for a part {height:g} mm high, at most {MAX_LAYERS}",
+            "check the units of the mesh",
+        )
+    if min_mm >= max_mm:
+        return even_levels(mesh, max_mm)
+    levels = np.asarray(layer_heights(mesh, np.array([0.0, 0.0, 1.0]), cusp_mm, min_mm, max_mm), dtype=np.float64)
+    return levels, []

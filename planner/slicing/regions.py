@@ -1,0 +1,113 @@
+"""What a layer is made of: its sections, their union, how far it rests on the layer below."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from planner.mesh.mesh import Mesh
+from planner.slicing.section import Section
+from planner.slicing.slicer import slice_mesh
+
+Floats = NDArray[np.float64]
+
+SAME_MM = 1e-4
+"""Sections nearer than this to each other count as one: a hundredth of what a five-axis machine holds."""
+_GRID_MM = 1e-6  # unions are made on this grid, so that nearly equal outlines leave no slivers
+
+
+@dataclass(frozen=True)
+class LayerRegion:
+    """One layer of the part in its build frame, mm.
+
+    bottom, middle, top : sections just above the lower plane, half-way, and just below the upper plane
+    region : all that the layer's sections cover together
+    overlap_mm2, overhang_mm2 : paper Eq. 1: what of this layer's bottom rests on the layer below, and what does not
+    """
+
+    index: int
+    z_bottom: float
+    z_top: float
+    bottom: Section
+    middle: Section
+    top: Section
+    areas: tuple[MultiPolygon, MultiPolygon, MultiPolygon]
+    region: MultiPolygon
+    overlap_mm2: float
+    overhang_mm2: float
+
+    @property
+    def height_mm(self) -> float:
+        """Distance of the two planes."""
+        return self.z_top - self.z_bottom
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether the walls run along the build direction."""
+        return is_same(self.areas[0], self.areas[1]) and is_same(self.areas[0], self.areas[2])
+
+
+def is_same(first: MultiPolygon, second: MultiPolygon, tolerance_mm: float = SAME_MM) -> bool:
+    """Whether the outlines of two regions lie within the tolerance of each other."""
+    if first.is_empty or second.is_empty:
+        return bool(first.is_empty and second.is_empty)
+    if len(first.geoms) != len(second.geoms):
+        return False
+    if np.abs(np.subtract(first.bounds, second.bounds)).max() > tolerance_mm:
+        return False
+    return bool(shapely.hausdorff_distance(first.boundary, second.boundary) <= tolerance_mm)
+
+
+def united(areas: list[MultiPolygon]) -> MultiPolygon:
+    """The union; one of the regions itself where they are the same or it holds all others."""
+    filled = [area for area in areas if not area.is_empty]
+    if not filled:
+        return MultiPolygon()
+    largest = max(filled, key=lambda area: area.area)
+    if all(is_same(largest, area) for area in filled):
+        return largest
+    whole = shapely.union_all(filled, grid_size=_GRID_MM)
+    if whole.area - largest.area <= SAME_MM * largest.length:
+        return largest
+    return MultiPolygon([part for part in shapely.get_parts(whole) if part.geom_type == "Polygon"])
+
+
+def layer_regions(mesh: Mesh, levels: Floats) -> list[LayerRegion]:
+    """The layers between neighbouring levels; all sections come from two calls of the slicer.
+
+    mesh : in the build frame   levels : (n+1,) float, mm, increasing.
+    """
+    lower, upper = levels[:-1], levels[1:]
+    above = slice_mesh(mesh, _planes(np.concatenate([lower, 0.5 * (lower + upper)])), "above")
+    below = slice_mesh(mesh, _planes(upper), "below")
+    count = len(lower)
+    shapes = [section.to_shapely() for section in [*above, *below]]
+    layers: list[LayerRegion] = []
+    for i in range(count):
+        areas = (shapes[i], shapes[count + i], shapes[2 * count + i])
+        rests = areas[0].area if i == 0 else float(shapely.intersection(areas[0], layers[-1].areas[2]).area)
+        layers.append(
+            LayerRegion(
+                index=i,
+                z_bottom=float(lower[i]),
+                z_top=float(upper[i]),
+                bottom=above[i],
+                middle=above[count + i],
+                top=below[i],
+                areas=areas,
+                region=united(list(areas)),
+                overlap_mm2=rests,
+                overhang_mm2=max(areas[0].area - rests, 0.0),
+            )
+        )
+    return layers
+
+
+def _planes(heights: Floats) -> Floats:
+    planes = np.zeros((len(heights), 6))
+    planes[:, 2], planes[:, 5] = heights, 1.0
+    return planes
