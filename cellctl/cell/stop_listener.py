@@ -1,0 +1,134 @@
+"""STOP without the web process: a listener of a few lines in the cell process that a busy service cannot delay."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from urllib.parse import urlsplit
+
+HEAD_LIMIT = 8192  # bytes of request line and headers
+BODY_LIMIT = 4096
+READ_TIMEOUT_S = 5.0
+CONNECTIONS_MAX = 64
+REASONS = {200: "OK", 204: "No Content", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed", 413: "Content Too Large", 431: "Request Header Fields Too Large", 503: "Service Unavailable"}  # fmt: skip
+
+Stop = Callable[[str, str, str], Awaitable[str]]
+
+
+class RequestError(Exception):
+    """A request that is not answered with 200."""
+
+    def __init__(self, status: int, title: str) -> None:
+        super().__init__(title)
+        self.status = status
+        self.title = title
+
+
+class StopListener:
+    """POST /stop {"id", "because"} -> {"state"}; GET /healthz -> {"state"}; preflight for the console's origin.
+
+    stop : (id, who, because) -> state word; carried out before the answer
+    state : the state word now
+    """
+
+    def __init__(self, stop: Stop, state: Callable[[], str], host: str) -> None:
+        self._stop = stop
+        self._state = state
+        self._host = host
+        self._server: asyncio.Server | None = None
+        self._open = 0
+
+    async def start(self, port: int) -> int:
+        """Listen; the port that was taken (0 asks for a free one). Raises OSError."""
+        self._server = await asyncio.start_server(self._serve, self._host, port, limit=HEAD_LIMIT)
+        return int(self._server.sockets[0].getsockname()[1])
+
+    async def close(self) -> None:
+        """Stop listening. Harmless twice."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._open += 1
+        origin = ""
+        try:
+            if self._open > CONNECTIONS_MAX:
+                raise RequestError(503, "too many connections")
+            async with asyncio.timeout(READ_TIMEOUT_S):
+                method, path, headers = await self._head(reader)
+                origin = self._origin(headers)
+                body = await self._body(reader, headers)
+            peer = writer.get_extra_info("peername")
+            status, answer = await self._answer(method, path, body, f"stop listener {peer[0] if peer else ''}")
+        except RequestError as error:
+            status, answer = error.status, {"title": error.title}
+        except (TimeoutError, OSError, asyncio.IncompleteReadError):
+            writer.close()
+            return
+        finally:
+            self._open -= 1
+        await self._send(writer, status, answer, origin)
+
+    async def _head(self, reader: asyncio.StreamReader) -> tuple[str, str, dict[str, str]]:
+        try:
+            head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1")
+        except asyncio.LimitOverrunError:
+            raise RequestError(431, "headers too large") from None
+        first, *rest = head.split("\r\n")
+        words = first.split(" ")
+        if len(words) != 3 or not words[2].startswith("HTTP/1."):
+            raise RequestError(400, "not HTTP/1.1")
+        pairs = (line.partition(":") for line in rest if line)
+        return words[0], urlsplit(words[1]).path, {name.strip().lower(): value.strip() for name, _, value in pairs}
+
+    async def _body(self, reader: asyncio.StreamReader, headers: dict[str, str]) -> bytes:
+        length = headers.get("content-length", "0")
+        if not length.isdigit():
+            raise RequestError(400, "content-length is not a number")
+        if int(length) > BODY_LIMIT:
+            raise RequestError(413, "body too large")
+        return await reader.readexactly(int(length))
+
+    def _origin(self, headers: dict[str, str]) -> str:
+        """The origin to allow: any page of this host (the console is on another port of it)."""
+        origin = headers.get("origin", "")
+        host = urlsplit(origin).hostname if origin else None
+        own = {self._host, "localhost", "127.0.0.1", "::1", headers.get("host", "").rsplit(":", 1)[0]}
+        return origin if host in own else ""
+
+    async def _answer(self, method: str, path: str, body: bytes, who: str) -> tuple[int, dict[str, str]]:
+        if method == "OPTIONS":
+            return 204, {}
+        if path == "/healthz":
+            if method != "GET":
+                raise RequestError(405, "use GET")
+            return 200, {"state": self._state()}
+        if path != "/stop":
+            raise RequestError(404, "only /stop and /healthz are here")
+        if method != "POST":
+            raise RequestError(405, "use POST")
+        ident, because = "", "STOP pressed"
+        try:
+            given = json.loads(body) if body else {}
+            ident, because = str(given.get("id", ident))[:200], str(given.get("because", because))[:500]
+        except (ValueError, AttributeError):
+            because = "STOP pressed (the request's body could not be read)"
+        return 200, {"state": await self._stop(ident, who, because)}
+
+    async def _send(self, writer: asyncio.StreamWriter, status: int, answer: dict[str, str], origin: str) -> None:
+        body = json.dumps(answer).encode() if status != 204 else b""
+        lines = [f"HTTP/1.1 {status} {REASONS[status]}", "Connection: close", f"Content-Length: {len(body)}", "Cache-Control: no-store"]
+        if body:
+            lines.append("Content-Type: application/json")
+        if origin:
+            lines += [f"Access-Control-Allow-Origin: {origin}", "Vary: Origin", "Access-Control-Allow-Methods: POST, GET"]
+            lines += ["Access-Control-Allow-Headers: content-type", "Access-Control-Max-Age: 600", "Access-Control-Allow-Private-Network: true"]
+        try:
+            writer.write(("\r\n".join(lines) + "\r\n\r\n").encode() + body)
+            await writer.drain()
+        except OSError:
+            return
+        finally:
+            writer.close()
