@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 _NEWTON_STEPS = 25
 _CONVERGED = 1e-8  # share of the chord
 _HANDLE_RANGE = (0.15, 0.7)  # share of the chord outside which a handle belongs to another branch of the solution
-_SMOOTH_CHANGE = 0.35  # largest share by which curvature may differ between the ends of a piece
+_SMOOTH_CHANGE = 0.5  # largest share by which curvature may differ between the ends of a piece for both to be matched
 
 
 def equal_speed(chord: Floats, tangent_start: Floats, tangent_end: Floats) -> Floats:
@@ -35,8 +35,9 @@ def matched_curvature(chords: Chords, tangent_start: Floats, tangent_end: Floats
     """Handle lengths (S,), (S,) that reproduce the data's curvature at both ends; equal speed where that fails.
 
     With a = P3 - P0, P1 = P0 + d0 T0, P2 = P3 - d1 T3:
-    1.5 k0 d0² = T0 x a - d1 (T0 x T3), 1.5 k1 d1² = a x T3 - d0 (T0 x T3), Newton from |a|/3. A piece keeps equal
-    speed where it touches a corner or open end, where curvature changes sign or fast, or where no small root is found.
+    1.5 k0 d0² = T0 x a - d1 (T0 x T3), 1.5 k1 d1² = a x T3 - d0 (T0 x T3), Newton from |a|/3. Their difference is
+    nearly singular: where Newton finds no small root, or curvature changes fast, d0 = d1 from their sum. A piece keeps
+    equal speed where it touches a corner or open end, and where curvature changes sign.
     Source: de Boor, Höllig, Sabin, High accuracy geometric Hermite interpolation, CAGD 4 (1987).
     """
     vectors = chords.vectors
@@ -67,7 +68,18 @@ def matched_curvature(chords: Chords, tangent_start: Floats, tangent_end: Floats
         good &= np.abs(k0 - k1) <= _SMOOTH_CHANGE * np.maximum(np.abs(k0), np.abs(k1))
         for handle in (d0, d1):
             good &= (handle > _HANDLE_RANGE[0] * length) & (handle < _HANDLE_RANGE[1] * length)
+        even = _even_handle(k0 + k1, cross_start + cross_end, cross_both)
+        fair = (
+            ~good & smooth & (k0 * k1 > 0.0) & (even > _HANDLE_RANGE[0] * length) & (even < _HANDLE_RANGE[1] * length)
+        )
+    third = np.where(fair, even, third)
     return np.where(good, d0, third), np.where(good, d1, third)
+
+
+def _even_handle(bend: Floats, cross: Floats, cross_both: Floats) -> Floats:
+    """The positive root of 1.5 bend d² + 2 cross_both d - cross = 0: both equations' sum with d0 = d1 = d."""
+    root = np.sqrt(cross_both**2 + 1.5 * bend * cross)
+    return np.asarray(cross / (cross_both + np.copysign(root, cross_both)))
 
 
 def _curvature_at_ends(chords: Chords) -> tuple[Floats, Floats]:
