@@ -1,0 +1,108 @@
+"""Files named by the hash of their content: written beside their place, made durable, then moved in one step."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+KINDS = ("parts", "plans", "programs", "proofs", "records")
+CHUNK_BYTES = 1 << 20
+
+
+class Blobs:
+    """The folder of files. Names come from hashes only, never from a user."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def make_folders(self) -> None:
+        """Make what is missing, and remove what an earlier process left unfinished."""
+        for kind in (*KINDS, "staging"):
+            (self.folder / kind).mkdir(parents=True, exist_ok=True)
+
+    def clear_staging(self) -> None:
+        """Remove unfinished files; called once, before any writer starts."""
+        for path in (self.folder / "staging").iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    @contextmanager
+    def staging(self) -> Iterator[Path]:
+        """A folder of one's own on the same file system, removed afterwards."""
+        path = Path(tempfile.mkdtemp(dir=self.folder / "staging"))
+        try:
+            yield path
+        finally:
+            shutil.rmtree(path, ignore_errors=True)
+
+    def part(self, sha256: str, suffix: str) -> Path:
+        """The uploaded file."""
+        return self.folder / "parts" / f"{sha256}{suffix}"
+
+    def mesh(self, mesh_sha256: str) -> Path:
+        """The mended mesh as binary STL in mm."""
+        return self.folder / "parts" / f"{mesh_sha256}.mesh.stl"
+
+    def plan(self, sha256: str) -> Path:
+        """plan.h5"""
+        return self.folder / "plans" / f"{sha256}.h5"
+
+    def program(self, sha256: str) -> Path:
+        """The program's folder."""
+        return self.folder / "programs" / sha256
+
+    def proof(self, sha256: str) -> Path:
+        """The proof's JSON."""
+        return self.folder / "proofs" / f"{sha256}.json"
+
+    def picture(self, sha256: str) -> Path:
+        """The proof's picture."""
+        return self.folder / "proofs" / f"{sha256}.png"
+
+
+def sha256_of(path: Path) -> str:
+    """Hash (hex) of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def copy_hashed(source: BinaryIO, target: Path) -> tuple[str, int]:
+    """Copy a stream into a new file, chunk by chunk; returns (sha256 hex, bytes)."""
+    digest, size = hashlib.sha256(), 0
+    with target.open("xb") as file:
+        while chunk := source.read(CHUNK_BYTES):
+            digest.update(chunk)
+            size += len(chunk)
+            file.write(chunk)
+    return digest.hexdigest(), size
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def place(source: Path, target: Path) -> None:
+    """Make a file or folder durable and move it to its place in one step. The same content may be there already."""
+    inside = sorted(source.rglob("*")) if source.is_dir() else []
+    for path in (*inside, source):
+        _sync(path)
+    if source.is_dir():
+        if target.is_dir():
+            return
+        try:
+            source.rename(target)
+        except OSError:  # another writer was first with the same content
+            if not target.is_dir():
+                raise
+    else:
+        source.replace(target)
+    _sync(target.parent)

@@ -1,0 +1,198 @@
+"""The tables. `migrations/` makes them; a test holds both against each other. Times are Unix seconds, documents are JSON text."""
+
+from __future__ import annotations
+
+from sqlalchemy import (
+    REAL,
+    BigInteger,
+    Boolean,
+    Column,
+    ForeignKey,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+)
+
+metadata = MetaData()
+
+BigInt = BigInteger().with_variant(Integer, "sqlite")
+
+parts = Table(
+    "parts",
+    metadata,
+    Column("seq", BigInt, primary_key=True, autoincrement=True),
+    Column("id", String(40), nullable=False, unique=True),
+    Column("name", Text, nullable=False),
+    Column("suffix", String(8), nullable=False),
+    Column("units", String(8), nullable=False),
+    Column("sha256", String(64), nullable=False),
+    Column("mesh_sha256", String(64), nullable=False),
+    Column("bytes", BigInt, nullable=False),
+    Column("bbox_mm", Text, nullable=False),
+    Column("facets", BigInt, nullable=False),
+    Column("volume_mm3", REAL, nullable=False),
+    Column("findings", Text, nullable=False),
+    Column("created_at", REAL, nullable=False),
+    Column("created_by", Text, nullable=False),
+    sqlite_autoincrement=True,
+)
+
+plans = Table(
+    "plans",
+    metadata,
+    Column("key", String(64), primary_key=True),
+    Column("sha256", String(64), nullable=False),
+    Column("summary", Text, nullable=False),
+    Column("created_at", REAL, nullable=False),
+)
+
+programs = Table(
+    "programs",
+    metadata,
+    Column("key", String(64), primary_key=True),
+    Column("sha256", String(64), nullable=False),
+    Column("summary", Text, nullable=False),
+    Column("created_at", REAL, nullable=False),
+)
+
+proofs = Table(
+    "proofs",
+    metadata,
+    Column("key", String(64), primary_key=True),
+    Column("sha256", String(64), nullable=False),
+    Column("summary", Text, nullable=False),
+    Column("created_at", REAL, nullable=False),
+)
+
+jobs = Table(
+    "jobs",
+    metadata,
+    Column("seq", BigInt, primary_key=True, autoincrement=True),
+    Column("id", String(40), nullable=False, unique=True),
+    Column("name", Text, nullable=False),
+    Column("part_id", String(40), ForeignKey("parts.id"), nullable=False),
+    Column("cell", Text, nullable=False),
+    Column("recipe_toml", Text, nullable=False),
+    Column("material", Text, nullable=False),
+    Column("state", String(32), nullable=False),
+    Column("why", Text, nullable=False, server_default=""),
+    Column("error", Text),
+    Column("plan_sha256", String(64)),
+    Column("program_sha256", String(64)),
+    Column("proof_sha256", String(64)),
+    Column("proof", Text),
+    Column("layers", Integer, nullable=False, server_default="0"),
+    Column("lines_total", Integer, nullable=False, server_default="0"),
+    Column("lines_executed", Integer, nullable=False, server_default="0"),
+    Column("duration_s", REAL, nullable=False, server_default="0"),
+    Column("approved_by", Text, nullable=False, server_default=""),
+    Column("approve_because", Text, nullable=False, server_default=""),
+    Column("override_reason", Text, nullable=False, server_default=""),
+    Column("table_clear", Boolean, nullable=False, server_default="0"),
+    Column("timestamps", Text, nullable=False, server_default="{}"),
+    Column("created_at", REAL, nullable=False),
+    Column("created_by", Text, nullable=False),
+    Index("ix_jobs_state", "state"),
+    sqlite_autoincrement=True,
+)
+
+tokens = Table(
+    "tokens",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("role", String(16), nullable=False),
+    Column("sha256", String(64), nullable=False, unique=True),
+    Column("created_at", REAL, nullable=False),
+    Column("expires_at", REAL),
+    Column("revoked_at", REAL),
+)
+
+sessions = Table(
+    "sessions",
+    metadata,
+    Column("sha256", String(64), primary_key=True),
+    Column("token_id", String(40), ForeignKey("tokens.id"), nullable=False),
+    Column("created_at", REAL, nullable=False),
+    Column("expires_at", REAL, nullable=False),
+)
+
+audit = Table(
+    "audit",
+    metadata,
+    Column("seq", BigInt, primary_key=True, autoincrement=True),
+    Column("at", REAL, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("role", String(16), nullable=False),
+    Column("origin", Text, nullable=False),
+    Column("verb", Text, nullable=False),
+    Column("target", Text, nullable=False),
+    Column("because", Text, nullable=False),
+    Column("outcome", Text, nullable=False),
+    Index("ix_audit_target", "target"),
+    sqlite_autoincrement=True,
+)
+
+idempotency = Table(
+    "idempotency",
+    metadata,
+    Column("who", Text, primary_key=True),
+    Column("key", String(200), primary_key=True),
+    Column("request_sha256", String(64), nullable=False),
+    Column("answer", Text, nullable=False),
+    Column("created_at", REAL, nullable=False),
+)
+
+# Written by the cell process with plain SQL; read here.
+events = Table(
+    "events",
+    metadata,
+    Column("seq", Integer, primary_key=True, autoincrement=True),
+    Column("at", REAL, nullable=False),
+    Column("kind", Text, nullable=False),
+    Column("text", Text, nullable=False),
+    Column("job", Text, nullable=False, server_default=""),
+    Column("data", Text, nullable=False, server_default="{}"),
+    Index("ix_events_job", "job"),
+    sqlite_autoincrement=True,
+)
+
+journal = Table(
+    "journal",
+    metadata,
+    Column("id", Integer, primary_key=True, autoincrement=True),
+    Column("at", REAL),
+    Column("job", Text),
+    Column("state", Text),
+    Column("executed_line", Integer),
+    Column("layer", Integer),
+    Column("arc_mm", REAL),
+    Column("laser_setpoint_w", REAL),
+    Column("laser_readback_w", REAL),
+    Column("powder_setpoint_g_min", REAL),
+    Column("powder_readback_g_min", REAL),
+    Column("tip_x", REAL),
+    Column("tip_y", REAL),
+    Column("tip_z", REAL),
+    Index("ix_journal_job", "job"),
+    sqlite_autoincrement=True,
+)
+
+cell_runs = Table(
+    "cell_runs",
+    metadata,
+    Column("job", Text, primary_key=True),
+    Column("name", Text),
+    Column("program", Text),
+    Column("program_sha256", Text),
+    Column("started_at", REAL),
+    Column("ended_at", REAL),
+    Column("outcome", Text),
+    Column("last_line", Integer),
+    Column("total_lines", Integer),
+    Column("who", Text),
+    Column("command_id", Text, unique=True),
+)
