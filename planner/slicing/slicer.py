@@ -103,7 +103,8 @@ class _Loops:
 
     def by_plane(self, planes: Floats, snap_mm: float) -> list[Section]:
         """One Section per plane of planes : (k, 6); loops without area (thinner than snap_mm) are left out."""
-        frames = np.array([plane_frame(plane) for plane in planes])
+        frames = np.repeat(plane_frame(planes[0])[None], len(planes), axis=0)
+        frames[:, 0] = planes[:, :3]
         point_plane = np.repeat(self.plane, np.diff(self.start))
         relative = self.points - frames[point_plane, 0]
         xy = np.ascontiguousarray(relative @ frames[0, 1:3].T)
