@@ -200,7 +200,7 @@ def test_densified_sides_are_no_longer_than_the_spacing_and_repeat_no_point() ->
     dense = densify(points, 0.7, closed=True)
     sides = np.linalg.norm(np.roll(dense, -1, axis=0) - dense, axis=1)
     expected = np.ceil(np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1) / 0.7).sum()
-    assert len(dense) == expected and 0.0 < sides.min() and sides.max() <= 0.7
+    assert len(dense) == expected and sides.min() > 0.0 and sides.max() <= 0.7
     assert len(densify([[0, 0], [1, 0]], 0.25, closed=False)) == 5
 
 
