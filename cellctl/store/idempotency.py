@@ -1,0 +1,41 @@
+"""Requests that name themselves by an Idempotency-Key: the second one gets the first one's answer."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from sqlalchemy import Connection, insert, select
+
+from cellctl.store.schema import idempotency
+
+
+class KeyReusedError(Exception):
+    """The same key came with another request."""
+
+
+def request_digest(*parts: Any) -> str:
+    """Hash (hex) of what a request asks for, whatever the order of its fields."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def answered(connection: Connection, who: str, key: str | None, request_sha256: str) -> dict[str, Any] | None:
+    """The first answer to this key, None if there was none. Raises KeyReusedError if it was for another request."""
+    if key is None:
+        return None
+    query = select(idempotency).where(idempotency.c.who == who, idempotency.c.key == key)
+    row = connection.execute(query).mappings().first()
+    if row is None:
+        return None
+    if row["request_sha256"] != request_sha256:
+        raise KeyReusedError(f"Idempotency-Key {key[:60]!r} was used for another request")
+    answer: dict[str, Any] = json.loads(row["answer"])
+    return answer
+
+
+def remember(connection: Connection, who: str, key: str | None, request_sha256: str, answer: dict[str, Any], at: float) -> None:
+    """Keep an answer, in the transaction that made what it tells of."""
+    if key is not None:
+        values = {"request_sha256": request_sha256, "answer": json.dumps(answer), "created_at": at}
+        connection.execute(insert(idempotency).values(who=who, key=key, **values))
