@@ -52,6 +52,16 @@ def test_offset_of_an_ellipse_and_the_ellipse_are_that_far_apart_both_ways(dista
         assert np.abs(back - distance_mm).max() <= ALLOWED_MM
 
 
+@pytest.mark.parametrize("distance_mm", [0.5, 2.0, 4.0])
+def test_offsets_of_a_wavy_outline_keep_the_distance_in_its_hollows_too(distance_mm: float) -> None:
+    t = 2.0 * np.pi * np.arange(400) / 400
+    reach = 15.0 * (1.0 + 0.5 * np.cos(3.0 * t))
+    source = interpolate(reach[:, None] * np.column_stack([np.cos(t), np.sin(t)]), closed=True)
+    for move in (inset, outset):
+        rings = curves_from_region(move(region_from_curves([source]), distance_mm))
+        assert rings and worst_distance_error(source, rings, distance_mm) <= ALLOWED_MM
+
+
 def test_inset_beyond_the_radius_of_curvature_trims_to_a_corner_and_stays_at_the_distance() -> None:
     source = ellipse()  # smallest radius of curvature 100/30
     rings = curves_from_region(inset(region_from_curves([source]), 6.0))
