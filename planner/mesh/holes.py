@@ -153,13 +153,13 @@ def _patch(vertices: Floats, rim: Ints, known: Ints) -> Ints:
             "without crossing the facets beside it",
             "repair the model and export it again",
         )
-    facets, todo = [], [(0, count - 1)]
-    while todo:
-        i, k = todo.pop()
+    facets, chords = [], [(0, count - 1)]
+    while chords:
+        i, k = chords.pop()
         if k - i >= 2:
             j = int(apex[i, k])
             facets.append((rim[i], rim[j], rim[k]))
-            todo += [(i, j), (j, k)]
+            chords += [(i, j), (j, k)]
     return np.array(facets, dtype=np.int64)
 
 

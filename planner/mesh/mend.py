@@ -8,12 +8,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planner.errors import MeshError
-from planner.mesh.adjacency import CROWDED, OPEN
+from planner.mesh.adjacency import CROWDED, OPEN, pair_half_edges
 from planner.mesh.bodies import unite_bodies
 from planner.mesh.findings import Finding, place_text
 from planner.mesh.holes import close_holes
 from planner.mesh.mesh import Floats, Ints, Mesh, unique_vertices
-from planner.mesh.selfcross import MAX_SWEEP_PAIRS, crossing_facets, sweep_axis
+from planner.mesh.selfcross import crossing_facets
 from planner.mesh.slivers import flip_slivers
 from planner.mesh.winding import agree_winding, turn_outward
 
@@ -70,6 +70,10 @@ def _without_collapsed(mesh: Mesh, findings: list[Finding]) -> tuple[Mesh, list[
 
 def _without_duplicates(mesh: Mesh, findings: list[Finding]) -> tuple[Mesh, list[Finding]]:
     """Remove facets over the same three vertices: all but one, or all where the surface is closed without them."""
+    mate, state = pair_half_edges(mesh.facets, len(mesh.vertices))
+    beside = (mate // 3).reshape(-1, 3)
+    if not (state == CROWDED).any() and not (beside == beside[:, :1]).all(axis=1).any():
+        return mesh, findings
     _, group, size = np.unique(np.sort(mesh.facets, axis=1), axis=0, return_inverse=True, return_counts=True)
     group = group.reshape(-1)
     doubled = size[group] > 1
@@ -157,15 +161,16 @@ def _refuse_open(mesh: Mesh) -> None:
 
 def _self_crossings(mesh: Mesh) -> list[Finding]:
     """Raise MeshError where the surface passes through itself; a Finding if it is too large to look."""
-    axis, pairs = sweep_axis(mesh)
-    if pairs > MAX_SWEEP_PAIRS:
-        text = f"not checked for self-intersection: {len(mesh.facets)} facets need {pairs:.2g} comparisons"
-        return [Finding("self_intersection_unchecked", 0, None, False, 0.0, text)]
-    crossing, places = crossing_facets(mesh, axis)
+    crossing, places, is_complete = crossing_facets(mesh)
     if len(crossing):
         raise MeshError(
             f"the surface passes through itself: {len(crossing)} pairs of facets cross, first facets "
             f"{crossing[0, 0]} and {crossing[0, 1]} at {place_text(places[0])}",
             "repair the model and export it again",
         )
+    if not is_complete:
+        text = (
+            f"not checked completely for self-intersection: too many of the {len(mesh.facets)} facets lie side by side"
+        )
+        return [Finding("self_intersection_unchecked", 0, None, False, 0.0, text)]
     return []

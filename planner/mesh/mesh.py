@@ -96,7 +96,9 @@ class Mesh:
         """(2, 3) float, mm: lowest and highest corner of the box around the facets. Raises MeshError if empty."""
         if not len(self.facets):
             raise MeshError("the mesh holds no facets", "export the model again")
-        used = self.vertices[self.facets.ravel()]
+        is_used = np.zeros(len(self.vertices), dtype=bool)
+        is_used[self.facets.ravel()] = True
+        used = self.vertices[is_used]
         return np.array([used.min(axis=0), used.max(axis=0)])
 
     @cached_property
@@ -170,7 +172,7 @@ def unique_vertices(vertices: Floats) -> tuple[Floats, Ints]:
     vertices : (n, 3) float.  Returns (k, 3) float and, for each of the n, its number among the k.
     """
     plain = np.ascontiguousarray(vertices + 0.0)
-    order = np.lexsort(plain.T)
+    order = np.lexsort(plain.T) if len(plain) else np.empty(0, dtype=np.int64)
     step = np.empty(len(plain), dtype=bool)
     step[:1] = True
     step[1:] = (plain[order[1:]] != plain[order[:-1]]).any(axis=1)

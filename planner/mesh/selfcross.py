@@ -10,72 +10,115 @@ from planner.mesh.mesh import Floats, Ints, Mesh
 DEPTH_FRACTION = 2e-6
 """How deep an edge must pierce a facet, as a fraction of the part's diagonal, to count: 30 times the rounding of
 32-bit coordinates (6e-8), so that what only touches is not reported, and 0.1 micrometre on a part of 50 mm."""
-MAX_SWEEP_PAIRS = 400_000_000
-"""Pairs of boxes that are compared before the check is given up (about a second)."""
+MAX_COMPARISONS = 1_000_000_000
+"""Boxes compared before the check is given up (about two seconds); a ball of a million facets needs a fiftieth."""
+_MAX_STRIPS = 4096
 
 
-def sweep_axis(mesh: Mesh) -> tuple[int, int]:
-    """Axis along which the fewest facet boxes overlap, and how many pairs do."""
-    low, high = mesh.corners.min(axis=1), mesh.corners.max(axis=1)
-    pairs = []
-    for axis in range(3):
-        begin = np.sort(low[:, axis])
-        after = np.searchsorted(begin, high[:, axis], side="right")
-        before = np.searchsorted(begin, low[:, axis], side="right")
-        pairs.append(int((after - before).sum()) + len(begin))
-    best = int(np.argmin(pairs))
-    return best, pairs[best]
+def crossing_facets(mesh: Mesh) -> tuple[Ints, Floats, bool]:
+    """Pairs of facets that pass through each other, by sweeping along one axis in strips across another.
 
-
-def crossing_facets(mesh: Mesh, axis: int) -> tuple[Ints, Floats]:
-    """Pairs of facets that pass through each other, found by sweeping along `axis`.
-
-    Returns (k, 2) int64 facets and (k, 3) float mm, a point of each crossing. Facets that share an edge, touch, or lie
-    in one plane do not count.
+    Returns (k, 2) int64 facets, (k, 3) float mm, a point of each crossing, and whether the check was completed.
+    Facets that share an edge, touch, or lie in one plane do not count.
     """
     low, high = mesh.corners.min(axis=1), mesh.corners.max(axis=1)
-    order = np.argsort(low[:, axis], kind="stable")
-    return _sweep(mesh.vertices, mesh.facets, mesh.normals, low, high, order, axis, DEPTH_FRACTION * mesh.diagonal)
+    width = (high - low).mean(axis=0) + 1e-300
+    across, along, _ = np.argsort(-mesh.size / width, kind="stable").tolist()
+    count = int(np.clip(mesh.size[across] / (2.0 * width[across]), 1, _MAX_STRIPS))
+    step = mesh.size[across] / count + 1e-300
+    first = np.clip(((low[:, across] - mesh.bounds[0, across]) / step).astype(np.int64), 0, count - 1)
+    last = np.clip(((high[:, across] - mesh.bounds[0, across]) / step).astype(np.int64), 0, count - 1)
+    order = np.argsort(low[:, along], kind="stable")
+    start, items = _strips(order, first, last, count)
+    depth_mm = DEPTH_FRACTION * mesh.diagonal
+    pairs, places, comparisons = _sweep(
+        mesh.vertices, mesh.facets, mesh.normals, low, high, start, items, first, along, depth_mm
+    )
+    return pairs, places, comparisons <= MAX_COMPARISONS
+
+
+@njit(cache=True)
+def _strips(order: Ints, first: Ints, last: Ints, count: int) -> tuple[Ints, Ints]:
+    """Facets of each strip, in the order given: items[start[s] : start[s + 1]]."""
+    start = np.zeros(count + 1, np.int64)
+    for f in order:
+        for s in range(first[f], last[f] + 1):
+            start[s + 1] += 1
+    for s in range(count):
+        start[s + 1] += start[s]
+    slot = start[:-1].copy()
+    items = np.empty(start[-1], np.int64)
+    for f in order:
+        for s in range(first[f], last[f] + 1):
+            items[slot[s]] = f
+            slot[s] += 1
+    return start, items
+
+
+@njit(cache=True)
+def _shared_corners(facets: Ints, f: int, g: int) -> int:
+    shared = 0
+    for a in range(3):
+        for b in range(3):
+            if facets[f, a] == facets[g, b]:
+                shared += 1
+    return shared
+
+
+@njit(cache=True)
+def _boxes_apart(low: Floats, high: Floats, f: int, g: int) -> bool:
+    meet = True
+    for axis in range(3):
+        meet &= low[g, axis] <= high[f, axis] and low[f, axis] <= high[g, axis]
+    return not meet
 
 
 @njit(cache=True)
 def _sweep(
-    vertices: Floats, facets: Ints, normals: Floats, low: Floats, high: Floats, order: Ints, axis: int, depth_mm: float
-) -> tuple[Ints, Floats]:
-    second, third = (axis + 1) % 3, (axis + 2) % 3
+    vertices: Floats,
+    facets: Ints,
+    normals: Floats,
+    low: Floats,
+    high: Floats,
+    start: Ints,
+    items: Ints,
+    first: Ints,
+    along: int,
+    depth_mm: float,
+) -> tuple[Ints, Floats, int]:
+    """Crossing pairs, their places and how many boxes were compared; gives up above MAX_COMPARISONS.
+
+    A pair that meets in several strips counts in the first strip that holds both.
+    """
     pairs = np.empty((16, 2), np.int64)
     places = np.empty((16, 3), np.float64)
     count = 0
-    for i in range(order.shape[0]):
-        f = order[i]
-        for k in range(i + 1, order.shape[0]):
-            g = order[k]
-            if low[g, axis] > high[f, axis]:
-                break
-            if low[g, second] > high[f, second] or low[f, second] > high[g, second]:
-                continue
-            if low[g, third] > high[f, third] or low[f, third] > high[g, third]:
-                continue
-            shared = 0
-            for a in range(3):
-                for b in range(3):
-                    if facets[f, a] == facets[g, b]:
-                        shared += 1
-            if shared >= 2:
-                continue
-            place = np.empty(3, np.float64)
-            if not (
-                _edges_pierce(vertices, facets, normals, f, g, depth_mm, place)
-                or _edges_pierce(vertices, facets, normals, g, f, depth_mm, place)
-            ):
-                continue
-            if count == pairs.shape[0]:
-                pairs = np.concatenate((pairs, np.empty_like(pairs)))
-                places = np.concatenate((places, np.empty_like(places)))
-            pairs[count, 0], pairs[count, 1] = min(f, g), max(f, g)
-            places[count] = place
-            count += 1
-    return pairs[:count], places[:count]
+    comparisons = 0
+    for s in range(start.shape[0] - 1):
+        for i in range(start[s], start[s + 1]):
+            f = items[i]
+            for k in range(i + 1, start[s + 1]):
+                g = items[k]
+                if low[g, along] > high[f, along]:
+                    break
+                comparisons += 1
+                if max(first[f], first[g]) != s or _boxes_apart(low, high, f, g) or _shared_corners(facets, f, g) >= 2:
+                    continue
+                place = np.empty(3, np.float64)
+                if not (
+                    _edges_pierce(vertices, facets, normals, f, g, depth_mm, place)
+                    or _edges_pierce(vertices, facets, normals, g, f, depth_mm, place)
+                ):
+                    continue
+                if count == pairs.shape[0]:
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                    places = np.concatenate((places, np.empty_like(places)))
+                pairs[count, 0], pairs[count, 1] = min(f, g), max(f, g)
+                places[count] = place
+                count += 1
+        if comparisons > MAX_COMPARISONS:
+            break
+    return pairs[:count], places[:count], comparisons
 
 
 @njit(cache=True)

@@ -57,7 +57,6 @@ def check(mesh: Mesh, section: Section) -> None:
             assert abs(outer.area_mm2) > abs(loop.area_mm2)
         else:
             assert not loop.is_hole
-    assert section.to_shapely().area == pytest.approx(section.area_mm2, rel=1e-9, abs=1e-9)
 
 
 @settings(max_examples=40)
@@ -78,6 +77,7 @@ def test_planes_through_vertices_give_closed_oriented_nested_loops(
     point = mesh.vertices[vertex % len(mesh.vertices)]
     (section,) = slice_mesh(mesh, [[*point, *normal]], side)
     check(mesh, section)
+    assert section.to_shapely().area == pytest.approx(section.area_mm2, rel=1e-9, abs=1e-9)
 
 
 @settings(max_examples=60)
