@@ -1,0 +1,1 @@
+"""Metal: what the melt pool adds and what the cutter takes away."""
