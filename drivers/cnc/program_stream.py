@@ -1,0 +1,147 @@
+"""A program on its way to the CNC: what may go next, the four line counts, and how long what has gone will still take."""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+
+from drivers.cnc.events import LineCounts, Status
+
+FORBIDDEN = re.compile(r"[^ \"-~]|[?~]")  # control, `!`, `?`, `~` and everything beyond ASCII: real-time bytes to the firmware
+WORDS = re.compile(r"([GMFP])(-?\d*\.?\d+)")
+NUMBER = re.compile(r"N(\d+)")
+TOOL_CHANGE_S = 120.0  # longest tool change of an automatic changer that reports no state of its own
+SPINDLE_S = 15.0  # longest run-up or run-down of a spindle
+TIMED_LINES = 4096  # more than any planner and receive buffer hold; older lines have been executed
+IDLE_REPORTS = 5  # Idle so often in a row is standstill even if the planner never says that it is empty
+
+
+class ProgramStream:
+    """Lines from index `first` on; a Sequence is read where it is needed, an Iterable once: memory stays constant.
+
+    times_s : predicted end of each line, s from the start of the program, same index as lines (optional).
+    """
+
+    def __init__(
+        self, lines: Sequence[str] | Iterable[str], first: int, line_max: int, times_s: Sequence[float] | None = None
+    ) -> None:
+        self.total = len(lines) if isinstance(lines, Sequence) else None
+        self.first = first
+        self.released = first
+        self.sent = first
+        self.executing = 0
+        self.executed = first
+        self.halted = ""  # why nothing more goes
+        self._source = _from(lines, first)
+        self._line_max = line_max
+        self._times_s = times_s
+        self._durations: deque[float] = deque()  # of lines executed.. sent, as far as their text tells
+        self._durations_s = 0.0
+        self._inverse_time = False
+        self._idle_reports = 0
+        self._ahead: str | None = None
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether every line that exists has been sent."""
+        return self.total is not None and self.sent >= self.total
+
+    @property
+    def is_sent(self) -> bool:
+        """Whether every released line has been sent."""
+        return self.is_ended or self.sent >= self.released
+
+    def peek(self) -> str | None:
+        """The next line if it is released; None otherwise. The same one until `went`."""
+        if self.is_sent:
+            return None
+        if self._ahead is None:
+            self._ahead = next(self._source, None)
+            if self._ahead is None:
+                self.total = self.sent
+        return self._ahead
+
+    def objection(self, line: str, window_bytes: int) -> str:
+        """Why the next line cannot be sent ("" if it can). window_bytes: what may stand unanswered at the controller."""
+        if len(line) > self._line_max or len(line) >= window_bytes:
+            return f"line has {len(line)} characters, the controller takes {min(self._line_max, window_bytes - 1)}"
+        if FORBIDDEN.search(line):
+            return "line holds a character that the controller would carry out at once or not understand"
+        if line.startswith("$"):
+            return "a $ command cannot be streamed"
+        if line.startswith("N") and (match := NUMBER.match(line)) and int(match[1]) != self.sent + 1:
+            return f"line {self.sent + 1} of the program carries N{match[1]}"
+        return ""
+
+    def went(self, line: str) -> None:
+        """The line has left whole."""
+        self.sent += 1
+        self._ahead = None
+        seconds = self._seconds(line)
+        self._durations.append(seconds)
+        self._durations_s += seconds
+        self._idle_reports = 0
+        if len(self._durations) > TIMED_LINES:
+            self._durations_s -= self._durations.popleft()
+
+    def follow(self, status: Status, unanswered: int, empty_planner: int | None) -> None:
+        """Take executing and executed from a status report. empty_planner: free blocks that an idle planner shows."""
+        if status.line is not None and not status.is_idle and max(self.executing, self.executed, 1) <= status.line <= self.sent:
+            self.executing = status.line
+            self._done(status.line - 1)
+        if not status.is_idle or unanswered:
+            self._idle_reports = 0
+            return
+        self._idle_reports += 1
+        is_empty = status.planner_free is not None and empty_planner is not None and status.planner_free >= empty_planner
+        if is_empty or self._idle_reports >= (2 if status.planner_free is None else IDLE_REPORTS):
+            self._done(self.sent)
+            self.executing = 0
+
+    def counts(self, acknowledged: int) -> LineCounts:
+        """The four counts."""
+        return LineCounts(self.sent, max(acknowledged, self.first), self.executing, self.executed)
+
+    def remaining_s(self) -> float:
+        """Predicted time of what has been sent and not executed; moves without G93 or prediction count as none."""
+        planned = 0.0
+        if self._times_s is not None and self.sent > self.executed:
+            before = self._times_s[self.executed - 1] if self.executed > 0 else 0.0
+            planned = float(self._times_s[self.sent - 1]) - float(before)
+        return max(planned, self._durations_s)
+
+    def _done(self, upto: int) -> None:
+        self.executed = max(self.executed, upto)
+        while len(self._durations) > self.sent - self.executed:
+            self._durations_s -= self._durations.popleft()
+        if not self._durations:
+            self._durations_s = 0.0
+
+    def _seconds(self, line: str) -> float:
+        """Time of one line by its words: G93 with F, dwell, tool change, spindle."""
+        feed = pause = 0.0
+        seconds = 0.0
+        is_dwell = False
+        for letter, number in WORDS.findall(line):
+            value = float(number)
+            if letter == "F":
+                feed = value
+            elif letter == "P":
+                pause = value
+            elif letter == "G":
+                self._inverse_time = value == 93 or (self._inverse_time and value != 94)
+                is_dwell = is_dwell or value == 4
+            elif value == 6:
+                seconds += TOOL_CHANGE_S
+            elif value in (3, 4, 5):
+                seconds += SPINDLE_S
+        if is_dwell:
+            return seconds + pause
+        return seconds + (60.0 / feed if self._inverse_time and feed > 0 else 0.0)
+
+
+def _from(lines: Sequence[str] | Iterable[str], first: int) -> Iterator[str]:
+    if isinstance(lines, Sequence):
+        return (lines[k] for k in range(first, len(lines)))
+    return iter(lines)
