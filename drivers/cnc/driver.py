@@ -16,6 +16,7 @@ from drivers.errors import CommandRefused, DeviceFault, DeviceSilent, FirmwareUn
 ANSWER_S = 3.0  # for a first sign of life; boards that reset when their port is opened take about two
 STANDSTILL_S = 10.0  # for a machine that was found moving to slow down
 HOMING_S = 180.0  # longest homing cycle of the travels that these controllers drive
+REPORT_S = 0.35  # by then a report shows the state that a command left behind
 STANDING = frozenset({"Idle", "Alarm", "Check", "Sleep"})  # states in which a $ command is answered
 
 
@@ -59,7 +60,7 @@ class CncDriver(CncLine):
 
     async def command(self, text: str, timeout_s: float | None = None) -> list[str]:
         """One line outside a program; its feedback lines (`[...]`, `$n=...`)."""
-        self._check_may_command(text)
+        await self._check_may_command(text)
         answer = self.enqueue(text)
         self.alarm = None
         limit = self.facts.answer_timeout_s if timeout_s is None else timeout_s
@@ -116,15 +117,19 @@ class CncDriver(CncLine):
         pairs = (line[1:].partition("=") for line in await self.command("$$") if line.startswith("$"))
         return {number: value.split(" ")[0] for number, _, value in pairs}
 
-    def _check_may_command(self, text: str) -> None:
+    async def _check_may_command(self, text: str) -> None:
         self._check_port()
         if self._program is not None and not self.is_halted and not self.is_drained:
             raise CommandRefused(f"{text!r} cannot be sent while a program runs", "hold and abort the job first")
         if self.protocol.is_latched:
             raise CommandRefused(f"{text!r} cannot be sent: the controller holds an error", "reset it first")
-        state = self.status.state if self.status else "Idle"
-        if text.startswith("$") and state not in STANDING and not (state == "Jog" and text.startswith("$J=")):
+        if text.startswith("$") and not await self.wait_until(lambda: self._is_standing(text), REPORT_S):
+            state = self.status.state if self.status else "unknown"
             raise CommandRefused(f"{text!r} cannot be sent while the CNC is in state {state}", "wait until it stands, or reset it")
+
+    def _is_standing(self, text: str) -> bool:
+        state = self.status.state if self.status else ""
+        return state in STANDING or (state == "Jog" and text.startswith("$J="))
 
     def _alarmed(self, text: str, alarm: AlarmRaised) -> DeviceFault:
         return DeviceFault(f"{text!r} failed: {alarm.cause} (alarm {alarm.code})", alarm.remedy, alarm.code)
