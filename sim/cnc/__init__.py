@@ -1,0 +1,1 @@
+"""The simulated CNC: firmware, G-code, look-ahead motion and kinematics of its own."""

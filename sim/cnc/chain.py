@@ -1,0 +1,86 @@
+"""Kinematics of the simulated machine, apart from the planner's: joints to tip and tool axis, by Rodrigues' formula along both chains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from config import Cell, Joint
+from sim.cnc.lookahead import Floats
+
+TOOL_AXIS = np.array([0.0, 0.0, 1.0])
+
+
+@njit(cache=True)
+def carry(joints: Floats, angle_deg_or_mm: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Point (x, y, z) carried by one joint row (direction 3, pivot 3, is rotary, axis index); a rotary one turns right-handed."""
+    dx, dy, dz = joints[0], joints[1], joints[2]
+    if joints[6] == 0.0:
+        return x + dx * angle_deg_or_mm, y + dy * angle_deg_or_mm, z + dz * angle_deg_or_mm
+    angle = np.radians(angle_deg_or_mm)
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = x - joints[3], y - joints[4], z - joints[5]
+    along = (dx * x + dy * y + dz * z) * (1.0 - c)
+    return (
+        x * c + (dy * z - dz * y) * s + dx * along + joints[3],
+        y * c + (dz * x - dx * z) * s + dy * along + joints[4],
+        z * c + (dx * y - dy * x) * s + dz * along + joints[5],
+    )
+
+
+@njit(cache=True)
+def place_points(head: Floats, table: Floats, joints: Floats, point: Floats, in_table: bool) -> Floats:
+    """(k, 3) where a point of the head (machine frame at all joints zero) is for joints (k, n): in the world or in the table frame.
+
+    The head's joints are applied from the tool outwards (last first), the table's inverse from the base inwards (first first).
+    """
+    count = joints.shape[0]
+    out = np.empty((count, 3))
+    for k in range(count):
+        x, y, z = point[0], point[1], point[2]
+        for j in range(head.shape[0] - 1, -1, -1):
+            x, y, z = carry(head[j], joints[k, int(head[j, 7])], x, y, z)
+        if in_table:
+            for j in range(table.shape[0]):
+                x, y, z = carry(table[j], -joints[k, int(table[j, 7])], x, y, z)
+        out[k, 0], out[k, 1], out[k, 2] = x, y, z
+    return out
+
+
+class Chain:
+    """Both chains of a cell with its tools. joints : (k, n) float, mm or deg, machine coordinates, order of the cell's axes."""
+
+    def __init__(self, cell: Cell) -> None:
+        kinds = {axis.letter: axis.kind for axis in cell.axes}
+        order = {letter: i for i, letter in enumerate(cell.letters)}
+
+        def rows(joints: tuple[Joint, ...]) -> NDArray[np.float64]:
+            table = [
+                [*joint.direction, *cell.placement.pivots_mm.get(joint.axis, joint.point_mm),
+                 float(kinds[joint.axis] == "rotary"), float(order[joint.axis])]
+                for joint in joints
+            ]  # fmt: skip
+            return np.array(table, dtype=np.float64).reshape(-1, 8)
+
+        self._head, self._table = rows(cell.kinematics.head), rows(cell.kinematics.table)
+        self._tips = {tool.number: np.array(tool.tip_mm, dtype=np.float64) for tool in cell.tools}
+        self._gauge = np.zeros(3)
+
+    def tip_of(self, tool: int) -> NDArray[np.float64]:
+        """(3,) tip from the gauge point; the gauge point itself when the spindle is empty or the number is unknown."""
+        return self._tips.get(tool, self._gauge)
+
+    def tip_in_table(self, joints: Floats, tool: int) -> Floats:
+        """(k, 3) mm, tip in the table frame (carried by the table joints)."""
+        return np.asarray(place_points(self._head, self._table, joints, self.tip_of(tool), True))
+
+    def tip_in_world(self, joints: Floats, tool: int) -> Floats:
+        """(k, 3) mm, tip in the machine frame."""
+        return np.asarray(place_points(self._head, self._table, joints, self.tip_of(tool), False))
+
+    def axis_in_table(self, joints: Floats, tool: int) -> Floats:
+        """(k, 3) unit vectors from tip into the head, in the table frame."""
+        tip = self.tip_of(tool)
+        above = np.asarray(place_points(self._head, self._table, joints, tip + TOOL_AXIS, True))
+        return np.asarray(above - self.tip_in_table(joints, tool))

@@ -1,0 +1,51 @@
+"""Error and alarm numbers of grbl 1.1 and grblHAL that the simulated firmware answers with (grblHAL core, errors.h and alarms.h)."""
+
+from __future__ import annotations
+
+EXPECTED_LETTER = 1
+BAD_NUMBER = 2
+INVALID_STATEMENT = 3
+NEGATIVE_VALUE = 4
+NOT_IDLE = 8
+LOCKED = 9
+LINE_OVERFLOW = 11
+DOOR_AJAR = 13
+TRAVEL_EXCEEDED = 15
+INVALID_JOG = 16
+UNSUPPORTED = 20
+MODAL_GROUP_VIOLATION = 21
+UNDEFINED_FEED = 22
+NOT_INTEGER = 23
+AXIS_WORD_CONFLICT = 24
+WORD_REPEATED = 25
+NO_AXIS_WORDS = 26
+INVALID_LINE_NUMBER = 27
+VALUE_WORD_MISSING = 28
+UNSUPPORTED_COORDINATE_SYSTEM = 29
+G53_NEEDS_G0_OR_G1 = 30
+UNUSED_AXIS_WORDS = 31
+NO_AXIS_WORDS_IN_PLANE = 32
+INVALID_TARGET = 33
+ARC_RADIUS = 34
+NO_OFFSETS_IN_PLANE = 35
+UNUSED_WORDS = 36
+TOOL_OFFSET_AXIS = 37
+TOOL_NUMBER = 38
+P_VALUE = 39
+ESTOP_ACTIVE = 50
+CRITICAL_ALARM = 79
+
+ALARM_HARD_LIMIT = 1
+ALARM_SOFT_LIMIT = 2
+ALARM_RESET_IN_MOTION = 3
+ALARM_ESTOP = 10
+ALARM_HOMING_REQUIRED = 11
+CRITICAL_ALARMS = frozenset({ALARM_HARD_LIMIT, ALARM_SOFT_LIMIT, ALARM_ESTOP})
+
+
+class GcodeError(Exception):
+    """A line that the firmware refuses; `code` is the n of `error:n`."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"error:{code}")
+        self.code = code

@@ -1,0 +1,45 @@
+"""Doors, E-stop chain, chiller, gas bottle, extraction, and the slide that deploys and parks the deposition head."""
+
+from __future__ import annotations
+
+from config import Device
+from sim.plant.signals import Signals
+
+SLIDE_TRAVEL_S = 1.0
+
+
+class InputsOutputs(Signals):
+    """Levels of the cell's contacts. The slide's place is 0 parked to 1 deployed."""
+
+    def __init__(self, device: Device) -> None:
+        super().__init__(device)
+        self.estop_ok = self.door_closed = self.chiller_ok = True
+        self.gas_pressure_ok = self.fume_extraction_ok = True
+        self.slide = 0.0
+        self.show()
+
+    @property
+    def is_deployed(self) -> bool:
+        """Whether the head's slide is at its outer stop."""
+        return self.slide >= 1.0
+
+    @property
+    def is_parked(self) -> bool:
+        """Whether the head's slide is at its inner stop."""
+        return self.slide <= 0.0
+
+    def step(self, dt_s: float, wire_dt_s: float) -> None:
+        """Let time go by; without E-stop chain the slide has no power and stays."""
+        self.watch(wire_dt_s)
+        if self.estop_ok:
+            way = dt_s / SLIDE_TRAVEL_S
+            self.slide = min(self.slide + way, 1.0) if self.values["head_deploy"] else max(self.slide - way, 0.0)
+        self.show()
+
+    def show(self) -> None:
+        """Bring the contacts up to date."""
+        self.values.update(
+            estop_ok=float(self.estop_ok), door_closed=float(self.door_closed), chiller_ok=float(self.chiller_ok),
+            gas_pressure_ok=float(self.gas_pressure_ok), fume_extraction_ok=float(self.fume_extraction_ok),
+            head_deployed=float(self.is_deployed), head_parked=float(self.is_parked),
+        )  # fmt: skip
