@@ -20,6 +20,9 @@ MAX_PATCH_FRACTION = 0.10
 """Largest share of the surface that patches may make up: beyond it the mesh is a ruin and its shape a guess."""
 SLIT_FRACTION = 1e-6
 """Mean height of a patch, as a fraction of the part's diagonal, up to which a hole is a slit: 32-bit rounding."""
+FLAT_COS = 1.0 - 5e-7
+"""A patch within 0.001 rad of a facet beside it lies in that facet's face: above the tilt that 32-bit rounding gives a
+facet, far below that of the neighbours on a curved surface."""
 _CREASE_COS = 0.766
 """Facets that leave a patch by more than 40 degrees lie beyond an edge of the part and say nothing of its bulge."""
 
@@ -55,7 +58,7 @@ def close_holes(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
     change = -_bulge_volume(mesh, added)
     percent = 100.0 * abs(change) / max(abs(closed.volume), 1e-300)
     text = (
-        f"not watertight: {edges} open edges around {len(rims)} small holes, "
+        f"not watertight: {edges} open edges around {len(rims)} holes, "
         f"closed with {len(added)} facets ({percent:.2g} % of the volume)"
     )
     return closed, [Finding("open_edges", edges, place, True, change, text)]
@@ -106,15 +109,23 @@ def _refuse_long(mesh: Mesh, rims: list[Ints]) -> None:
 
 
 def _refuse_wide(mesh: Mesh, rims: list[Ints], patches: list[Ints]) -> None:
-    """Raise MeshError if a hole is wider than what is closed; slits (vertices on a neighbour's edge) have no width."""
+    """Raise MeshError if a hole is wider than what is closed.
+
+    Slits (vertices on a neighbour's edge) and holes in a flat face have no width: there the patch is the shape.
+    """
+    rows, slots = np.nonzero(mesh.edge_state == OPEN)
+    ends = zip(mesh.facets[rows, slots].tolist(), mesh.facets[rows, (slots + 1) % 3].tolist(), strict=True)
+    beside = dict(zip(ends, rows.tolist(), strict=True))
     widths = []
     for rim, patch in zip(rims, patches, strict=True):
         corners = mesh.vertices[patch]
-        area = (
-            0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
-        )
+        vectors = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.linalg.norm(vectors, axis=1)
         extent = float(np.linalg.norm(np.ptp(mesh.vertices[rim], axis=0)))
-        widths.append(0.0 if area <= SLIT_FRACTION * mesh.diagonal * extent else extent)
+        is_slit = areas.sum() <= SLIT_FRACTION * mesh.diagonal * extent
+        around = [beside[int(b), int(a)] for a, b in zip(rim, np.roll(rim, -1), strict=True)]
+        in_plane = vectors @ mesh.normals[around].T >= FLAT_COS * areas[:, None]
+        widths.append(0.0 if is_slit or in_plane.all(axis=0).any() else extent)
     widest = int(np.argmax(widths))
     if widths[widest] > MAX_HOLE_FRACTION * mesh.diagonal:
         _refuse_hole(mesh, rims, rims[widest])

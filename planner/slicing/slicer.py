@@ -22,6 +22,9 @@ SNAP_FRACTION = 1e-9
 """A vertex this near to a plane, as a fraction of the mesh's extent, lies on it: far above the rounding of doubles
 (so planes that were computed meet the vertices they mean), far below that of an STL's 32-bit coordinates (6e-8)."""
 
+MAX_PAIRS = 4_000_000
+"""Pairs of facet and plane that are worked on at once; about 200 bytes each, so 0.8 GB. More planes go in halves."""
+
 
 def slice_mesh(mesh: Mesh | trimesh.Trimesh, planes: ArrayLike, side: Side = "above") -> list[Section]:
     """All contours of a closed mesh in all planes at once, one Section per plane, in the order of the planes.
@@ -69,6 +72,10 @@ def _slice_parallel(body: Mesh, values: Floats, members: Ints, side: Side) -> li
     least_above = level + snap_mm if side == "above" else np.nextafter(level - snap_mm, -np.inf)
     rank = np.searchsorted(least_above, height).astype(np.int64)
     lowest, offset = number_pairs(body.facets, rank)
+    if offset[-1] > MAX_PAIRS and len(members) > 1:
+        half = len(members) // 2
+        parts = [_slice_parallel(body, values, part, side) for part in (members_sorted[:half], members_sorted[half:])]
+        return _unsorted(order, [section for part in parts for section in part])
     facet, plane, tail, head, following = cross_facets(body.facets, body.adjacency, rank, lowest, offset)
     chain, start, open_pair = link_loops(following)
     if open_pair >= 0:
@@ -80,6 +87,11 @@ def _slice_parallel(body: Mesh, values: Floats, members: Ints, side: Side) -> li
         start, plane[chain[start[:-1]]], points[chain], facet[chain], np.column_stack([low, high])[chain], weight[chain]
     )
     sections = found.by_plane(values[members_sorted], snap_mm)
+    return _unsorted(order, sections)
+
+
+def _unsorted(order: Ints, sections: list[Section]) -> list[Section]:
+    """Sections of sorted planes in the order in which the planes were given."""
     back = np.empty(len(order), dtype=np.int64)
     back[order] = np.arange(len(order))
     return [sections[i] for i in back]

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from planner.errors import MeshError
 from planner.mesh import inspect_bytes, load, load_bytes, load_checked
@@ -97,6 +99,24 @@ def test_a_bad_file_is_refused_with_one_line_and_a_hint(data: bytes, suffix: str
         inspect_bytes(data, suffix)
     assert "\n" not in caught.value.message
     assert caught.value.hint
+
+
+@settings(max_examples=150)
+@given(
+    st.sampled_from(["stl", "stl_ascii", "3mf", "obj", "ply"]),
+    st.integers(0, 2**16),
+    st.binary(min_size=1, max_size=30),
+    st.booleans(),
+)
+def test_damaged_bytes_give_a_closed_mesh_or_one_line(kind: str, at: int, damage: bytes, is_cut: bool) -> None:
+    data = bytearray(as_bytes(kind))
+    place = at % len(data)
+    data[place : len(data) if is_cut else place + len(damage)] = damage
+    try:
+        assert inspect_bytes(bytes(data), kind.removesuffix("_ascii")).mesh.is_closed
+    except MeshError as error:
+        assert error.message
+        assert "\n" not in error.message
 
 
 def test_an_unknown_unit_is_refused() -> None:

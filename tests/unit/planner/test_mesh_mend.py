@@ -76,6 +76,19 @@ def test_a_missing_face_is_refused_with_its_size_and_place() -> None:
         loaded(BOX.vertices, BOX.faces[~on_top])
 
 
+@pytest.mark.parametrize("lost", range(12))
+def test_a_hole_in_a_flat_face_is_closed_exactly_however_wide(lost: int) -> None:
+    result = loaded(BOX.vertices, np.delete(BOX.faces, lost, axis=0))
+    assert result.mesh.volume == pytest.approx(1000.0)
+    assert kinds(result)["open_edges"].volume_change_mm3 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_half_a_ball_is_refused() -> None:
+    ball = octasphere(10.0, 4)
+    with pytest.raises(MeshError, match=r"not watertight: 1 hole, the largest 28\.28 mm wide with 64 open edges"):
+        loaded(ball.vertices, ball.faces[ball.triangles_center[:, 2] < 0.0])
+
+
 def test_inverted_facets_are_turned_round_and_said() -> None:
     result = loaded(BOX.vertices, BOX.faces[:, ::-1])
     assert result.mesh.volume == pytest.approx(1000.0)

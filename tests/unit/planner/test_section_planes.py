@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from numpy.typing import ArrayLike
 
 from planner.errors import InputError, MeshError
 from planner.mesh import Mesh, load
-from planner.slicing import Section, slice_mesh
+from planner.slicing import Section, slice_mesh, slicer
 
 ROOT = Path(__file__).resolve().parents[3]
 PARTS = ROOT / "config" / "parts"
@@ -107,8 +108,6 @@ def test_planes_that_touch_a_vertex_or_an_edge_give_nothing() -> None:
 
 def test_a_valley_that_touches_the_plane_leaves_no_spike() -> None:
     profile = np.array([[0, 0], [10, 0], [10, 6], [7, 6], [5, 2], [3, 6], [0, 6]], dtype=float)
-    import shapely
-
     solid = Mesh.from_trimesh(trimesh.creation.extrude_polygon(shapely.Polygon(profile), 4.0, engine="manifold"))
     upright = solid.transformed([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     for side, loops in (("above", 2), ("below", 1)):
@@ -152,6 +151,17 @@ def test_many_planes_of_many_orientations_come_back_in_order() -> None:
         alone = slice_mesh(CUBE, plane[None])[0]
         np.testing.assert_array_equal(section.plane, plane)
         assert [loop.points.tobytes() for loop in section.loops] == [loop.points.tobytes() for loop in alone.loops]
+
+
+def test_planes_cut_in_portions_give_the_same_sections(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = load(PARTS / "hinge.stl")
+    heights = np.random.default_rng(5).permutation(np.linspace(1.0, 27.0, 23))
+    planes = np.column_stack([np.zeros((23, 2)), heights, np.tile([0.0, 0.0, 1.0], (23, 1))])
+    whole = slice_mesh(mesh, planes)
+    monkeypatch.setattr(slicer, "MAX_PAIRS", 500)
+    for one, other in zip(whole, slice_mesh(mesh, planes), strict=True):
+        assert [loop.points.tobytes() for loop in one.loops] == [loop.points.tobytes() for loop in other.loops]
+        assert [loop.parent for loop in one.loops] == [loop.parent for loop in other.loops]
 
 
 def test_frames_are_right_handed_and_lift_undoes_flatten() -> None:
