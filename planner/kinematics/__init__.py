@@ -1,0 +1,1 @@
+"""Joints to tip and axis and back, for any cell of three linear and two rotary joints."""

@@ -1,0 +1,203 @@
+"""The written text read back by a parser of its own, moved by the forward kinematics and compared with the Plan."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from config.cell import Cell
+from planner.errors import PostError
+from planner.kinematics.chain import Chain, Floats
+from planner.plan import Pass, Plan
+from planner.post.pass_curve import PassCurve
+from planner.program import Channel, LineKind, Program
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+_WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+_PROBES = (0.25, 0.5, 0.75, 1.0)
+_FEED_SLACK = 0.01  # relative: a chord is shorter than its arc, words are rounded
+_SAME_ARC_MM = 1e-6
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the text says, one row per line.
+
+    joints : (n + 1, 5) float, machine coordinates before the first line and after each (NaN until an axis is named)
+    is_motion, is_rapid, gate : (n,) bool   time_s : (n,) float, at the programmed feed, 0 for rapids and lines without motion
+    tool : (n,) int   spindle_rpm : (n,) float
+    """
+
+    joints: Floats
+    is_motion: Bools
+    is_rapid: Bools
+    gate: Bools
+    time_s: Floats
+    tool: Ints
+    spindle_rpm: Floats
+
+
+@dataclass(frozen=True)
+class RereadReport:
+    """Largest differences between text and Plan.
+
+    max_tip_mm, max_axis_deg : over all passes   max_feed_ratio : programmed over planned feed, 1 at most but for rounding
+    setpoints_ok : gate, laser level, powder and gas of every process line are those of the Plan; faults says where not
+    """
+
+    max_tip_mm: float
+    max_axis_deg: float
+    max_feed_ratio: float
+    setpoints_ok: bool
+    faults: tuple[str, ...]
+
+
+def read(program: Program) -> Reading:
+    """Parse the text. Raises PostError with the line where it is not what this dialect writes."""
+    n = len(program.lines)
+    letters = {letter: k for k, letter in enumerate(program.axis_letters)}
+    joints = np.full((n + 1, len(letters)), np.nan)
+    flags = np.zeros((n, 3), dtype=np.bool_)
+    numbers = np.zeros((n, 3))
+    motion, by_time, feed, gate, tool, rpm = -1, False, 0.0, False, 0, 0.0
+    here = joints[0].copy()
+    for i, line in enumerate(program.lines):
+        words = _WORD.findall(line)
+        if "".join(f"{letter}{value}" for letter, value in words) != line.replace(" ", "") or not words or words[0] != ("N", str(i + 1)):
+            raise PostError(f"line {i + 1} cannot be read back: {line!r}", "report this program")
+        moved, fresh_feed, tool_word, dwell = False, False, None, False
+        before = here.copy()
+        for letter, text in words[1:]:
+            value = float(text)
+            if letter in letters:
+                here[letters[letter]] = value + program.work_offset[letters[letter]]
+                moved = True
+            elif letter == "G":
+                motion = int(value) if value in (0, 1) else motion
+                by_time = value == 93 if value in (93, 94) else by_time
+                dwell = value == 4
+            elif letter == "F":
+                feed, fresh_feed = value, True
+            elif letter == "T":
+                tool_word = int(value)
+            elif letter == "S":
+                rpm = value
+            elif letter == "M" and value in (62, 63):
+                gate = value == 62
+            elif letter == "M" and value in (5, 6):
+                rpm = 0.0 if value == 5 else rpm
+        tool = tool if tool_word is None else tool_word
+        joints[i + 1] = here
+        flags[i] = moved and not dwell, moved and motion == 0, gate
+        if moved and motion == 1:
+            if feed <= 0.0 or (by_time and not fresh_feed):
+                raise PostError(f"line {i + 1} has no feed: {line!r}", "report this program")
+            numbers[i, 0] = 60.0 / feed if by_time else 60.0 * float(np.linalg.norm(here - before)) / feed
+        numbers[i, 1:] = tool, rpm
+    return Reading(joints, flags[:, 0], flags[:, 1], flags[:, 2], numbers[:, 0], numbers[:, 1].astype(np.int64), numbers[:, 2])
+
+
+def check(program: Program, plan: Plan, cell: Cell, chain: Chain | None = None) -> RereadReport:
+    """Compare the Program's text with the Plan it was posted from, at quarters of every move.
+
+    chain : that of the placement (default: of the cell's own). Raises PostError if the text cannot be read.
+    """
+    chain = chain or Chain.from_cell(cell)
+    reading = read(program)
+    table = program.table
+    levels = _levels(program)
+    tips = {tool.number: np.array(tool.tip_mm) for tool in cell.tools}
+    worst = np.zeros(3)
+    faults: list[str] = []
+    moving = np.flatnonzero(reading.is_motion & (table["pass_"] >= 0))
+    key = table["operation"][moving].astype(np.int64) * (1 << 31) + table["pass_"][moving]
+    groups = np.split(moving, np.flatnonzero(np.diff(key)) + 1) if moving.size else []
+    operations = plan.operations
+    for lines in groups:
+        number, index = int(table["operation"][lines[0]]), int(table["pass_"][lines[0]])
+        item = operations[number].passes[index]
+        place = f"pass {index} of operation {number}"
+        curve = PassCurve(item, program.machine_from_build, place)
+        errors = _geometry(chain, reading, table, lines, curve, tips[int(reading.tool[lines[0]])])
+        ratio = _feed_ratio(reading, table, lines, item, curve)
+        worst = np.maximum(worst, [*errors, ratio])
+        if operations[number].process.is_deposit:
+            faults += _set_point_faults(program.gate, reading, table, levels, lines, item, curve)
+        elif reading.gate[lines].any() or levels[lines, Channel.EMISSION].any():
+            faults.append(f"{place}: the laser's gate is open while milling")
+    return RereadReport(float(worst[0]), float(worst[1]), float(worst[2]), not faults, tuple(faults[:20]))
+
+
+def _geometry(
+    chain: Chain, reading: Reading, table: NDArray[np.void], lines: Ints, curve: PassCurve, tool_tip: Floats
+) -> tuple[float, float]:
+    """Largest distance of the true tip from the pass, mm, and of the axis, deg."""
+    before, after = reading.joints[lines], reading.joints[lines + 1]
+    start, span = table["arc_start_mm"][lines], table["arc_end_mm"][lines] - table["arc_start_mm"][lines]
+    shares = np.repeat(_PROBES, len(lines))
+    joints = np.tile(before, (4, 1)) + shares[:, None] * np.tile(after - before, (4, 1))
+    tip, axis = chain.forward(joints, tool_tip)
+    chord = np.tile(chain.forward(after, tool_tip)[0] - chain.forward(before, tool_tip)[0], (4, 1))
+    arcs = np.tile(start, 4) + shares * np.tile(span, 4)
+    u = curve.at_arc_length(arcs)
+    off = tip - curve.tips(u)
+    length = np.linalg.norm(chord, axis=1)
+    along = np.divide(np.einsum("ij,ij->i", off, chord), length, out=np.zeros(len(off)), where=length > 0.0)
+    nearer = curve.at_arc_length(np.clip(arcs + along, 0.0, curve.length_mm))
+    distance = np.minimum(np.linalg.norm(off, axis=1), np.linalg.norm(tip - curve.tips(nearer), axis=1))
+    apart = [np.linalg.norm(axis - curve.axes(at), axis=1) for at in (u, nearer)]
+    half = 0.5 * np.minimum(apart[0], apart[1])
+    return float(distance.max()), float(np.rad2deg(2.0 * np.arcsin(np.clip(half, 0.0, 1.0)).max()))
+
+
+def _feed_ratio(reading: Reading, table: NDArray[np.void], lines: Ints, item: Pass, curve: PassCurve) -> float:
+    """Largest programmed feed over the planned one, 0 for rapids."""
+    if item.rapid:
+        return 0.0
+    row = np.searchsorted(curve.set_point_arcs, table["arc_start_mm"][lines] + _SAME_ARC_MM, side="right") - 1
+    planned = (table["arc_end_mm"][lines] - table["arc_start_mm"][lines]) / item.setpoints[row, 1]
+    return float(np.max(planned / np.maximum(reading.time_s[lines], 1e-9)))
+
+
+def _levels(program: Program) -> Floats:
+    """(n, channels) float: what the schedule has set when each line begins."""
+    levels = np.zeros((len(program.lines), len(Channel)))
+    for channel in Channel:
+        of_channel = program.schedule[program.schedule["channel"] == channel]
+        place = np.searchsorted(of_channel["n"], np.arange(1, len(program.lines) + 1), side="right")
+        levels[:, channel] = np.append(0.0, of_channel["value"])[place]
+    return levels
+
+
+def _set_point_faults(
+    gate: str, reading: Reading, table: NDArray[np.void], levels: Floats, lines: Ints, item: Pass, curve: PassCurve
+) -> list[str]:
+    row = np.searchsorted(curve.set_point_arcs, table["arc_start_mm"][lines] + _SAME_ARC_MM, side="right") - 1
+    planned = item.setpoints[row]
+    emits = (planned[:, 2] > 0.0) & (not item.is_link)
+    is_open = reading.gate[lines] if gate == "stream" else levels[lines, Channel.EMISSION] > 0.0
+    wrong = is_open != emits
+    for column, channel in ((2, Channel.LASER_W), (3, Channel.POWDER_G_MIN), (4, Channel.SHIELD_GAS_L_MIN)):
+        wrong = wrong | (emits & (np.abs(levels[lines, channel] - planned[:, column]) > 1e-9))
+    wrong = wrong | (emits & (levels[lines, Channel.MODE] != 1.0))
+    process = table["kind"][lines] == (LineKind.LINK if item.is_link else LineKind.PROCESS)
+    return [f"line {int(line) + 1}: set-points differ from {curve.place}" for line in lines[wrong | ~process]]
+
+
+def verify(report: RereadReport, cell: Cell) -> None:
+    """Raise PostError if the text leaves the cell's tolerances or the Plan's set-points."""
+    if report.max_tip_mm > cell.chord_tolerance_mm or report.max_axis_deg > cell.axis_tolerance_deg:
+        raise PostError(
+            f"the written program is {report.max_tip_mm:.4f} mm and {report.max_axis_deg:.4f} deg off the plan "
+            f"(tolerance {cell.chord_tolerance_mm:g} mm, {cell.axis_tolerance_deg:g} deg)",
+            "raise chord_tolerance_mm or axis_tolerance_deg of the cell file",
+        )
+    if report.max_feed_ratio > 1.0 + _FEED_SLACK:
+        raise PostError(f"the written program is {report.max_feed_ratio:.4f} times as fast as the plan", "report this program")
+    if not report.setpoints_ok:
+        raise PostError(f"the written program breaks the plan's set-points: {report.faults[0]}", "report this program")
