@@ -14,7 +14,6 @@ from planner.nurbs.sampling import divide_evenly
 Floats = NDArray[np.float64]
 
 _SAMPLES_PER_SPAN = 8  # a cubic piece between two contour points bends once or twice: its extremes lie between these
-_NEIGHBOURS = 3  # nearest samples that are refined: where two branches pass close by, the nearest sample may mislead
 _NEWTON_STEPS = 20
 
 
@@ -39,25 +38,33 @@ def closest_points(curve: Curve, points: ArrayLike) -> tuple[Floats, Floats]:
     """Parameter of, and distance to, the point of the curve nearest to each given point.
 
     points : (k, d) float, mm   Returns ((k,) float, (k,) float mm).
-    Nearest samples from a k-d tree, then Newton on (C - P)·C' = 0 between the samples beside them.
+    The nearest chord of a fine sample, then Newton on (C - P)·C' = 0 inside its knot span.
     Source: Piegl & Tiller ch. 6.1.
     """
-    targets = np.atleast_2d(np.asarray(points, dtype=np.float64))
-    samples = divide_evenly(curve.breaks, np.full(len(curve.breaks) - 1, _SAMPLES_PER_SPAN, dtype=np.intp))
-    _, nearest = cKDTree(curve.evaluate(samples)).query(targets, k=min(_NEIGHBOURS, len(samples)))
-    index = np.asarray(nearest, dtype=np.intp).reshape(len(targets), -1)
-    columns = index.shape[1]
-    low = samples[np.maximum(index - 1, 0)].ravel()
-    high = samples[np.minimum(index + 1, len(samples) - 1)].ravel()
-    goal = np.repeat(targets, columns, axis=0)
-    u = _newton(curve, goal, samples[index].ravel(), low, high)
-    distance = np.linalg.norm(curve.evaluate(u) - goal, axis=1).reshape(-1, columns)
-    best = np.argmin(distance, axis=1)
-    rows = np.arange(len(targets))
-    return u.reshape(-1, columns)[rows, best], distance[rows, best]
+    goal = np.atleast_2d(np.asarray(points, dtype=np.float64))
+    samples = _samples(curve)
+    ends = curve.evaluate(samples)
+    chord, share = _nearest_piece(goal, ends[:-1], ends[1:])
+    width = np.diff(samples)
+    u = samples[chord] + share * width[chord]
+    span = np.clip(np.searchsorted(curve.breaks, samples[chord], side="right") - 1, 0, len(curve.breaks) - 2)
+    low = np.maximum(curve.breaks[span], samples[chord] - width[chord])
+    high = np.minimum(curve.breaks[span + 1], samples[chord + 1] + width[chord])
+    return _newton(curve, goal, u, low, high)
 
 
-def _newton(curve: Curve, goal: Floats, u: Floats, low: Floats, high: Floats) -> Floats:
+def _samples(curve: Curve) -> Floats:
+    """Parameters, several per span and closer where a span is long: no chord is far longer than the mean."""
+    edges = curve.breaks
+    reach = np.linalg.norm(np.diff(curve.evaluate(edges), axis=0), axis=1)
+    mean = max(float(reach.mean()), 1e-300)
+    counts = np.ceil(_SAMPLES_PER_SPAN * np.maximum(reach / mean, 1.0)).astype(np.intp)
+    return divide_evenly(edges, counts)
+
+
+def _newton(curve: Curve, goal: Floats, u: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """The best parameter between low and high, which lie in one span, and its distance."""
+    inner = high - 1e-12 * (high - low)  # at the span's end itself the derivatives would be the next span's
     best, shortest = u, np.linalg.norm(curve.evaluate(u) - goal, axis=1)
     for _ in range(_NEWTON_STEPS):
         point, first, second = curve.derivatives(u, 2)
@@ -66,7 +73,7 @@ def _newton(curve: Curve, goal: Floats, u: Floats, low: Floats, high: Floats) ->
         bend = np.einsum("ij,ij->i", first, first)
         full = bend + np.einsum("ij,ij->i", away, second)
         step = slope / np.maximum(np.where(full > 0.0, full, bend), 1e-300)
-        moved = np.clip(u - step, low, high)
+        moved = np.clip(u - step, low, inner)
         change = np.abs(moved - u)
         u = moved
         distance = np.linalg.norm(curve.evaluate(u) - goal, axis=1)
@@ -74,59 +81,68 @@ def _newton(curve: Curve, goal: Floats, u: Floats, low: Floats, high: Floats) ->
         best, shortest = np.where(closer, u, best), np.where(closer, distance, shortest)
         if change.max(initial=0.0) <= 1e-14 * (curve.domain[1] - curve.domain[0]):
             break
-    return best
+    return best, shortest
 
 
 def distances_to_polyline(points: ArrayLike, polyline: ArrayLike, *, closed: bool) -> Floats:
     """Distance of each point from the polyline: (k,) float, mm.
 
-    points : (k, d) float, mm   polyline : (n, d) float, mm, n >= 2.
-    Exact: sides are cut to even pieces of half-length h; a piece can be nearest only if its middle is within
-    (best + h) of the point, and more candidates are tried until that is decided.
+    points : (k, d) float, mm   polyline : (n, d) float, mm, n >= 2.   Exact.
     """
     goal = np.atleast_2d(np.asarray(points, dtype=np.float64))
     path = np.asarray(polyline, dtype=np.float64)
     path = np.vstack([path, path[:1]]) if closed else path
-    sides = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    piece = max(float(sides.sum()) / (4.0 * len(sides)), 1e-12)
-    parts = np.maximum(np.ceil(sides / piece), 1).astype(np.intp)
-    at = divide_evenly(np.arange(len(path), dtype=np.float64), parts)
-    owner = np.repeat(np.arange(len(sides)), parts)
-    share = at - np.append(owner, owner[-1])
-    ends = path[np.append(owner, owner[-1])] + share[:, None] * np.diff(path, axis=0)[np.append(owner, owner[-1])]
-    low, high = ends[:-1], ends[1:]
-    half = 0.5 * float(np.linalg.norm(high - low, axis=1).max())
-    tree = cKDTree(0.5 * (low + high))
-    result = np.full(len(goal), np.inf)
-    undecided, count = np.arange(len(goal)), min(8, len(low))
+    side, share = _nearest_piece(goal, path[:-1], path[1:])
+    foot = path[side] + share[:, None] * (path[side + 1] - path[side])
+    return np.asarray(np.linalg.norm(goal - foot, axis=1))
+
+
+def _nearest_piece(goal: Floats, low: Floats, high: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Index of the straight piece nearest to each point, and where on it (0 ... 1) the nearest point lies.
+
+    Pieces are cut to lengths of at most 2h. One can be nearest only if its middle is within (best so far + h) of the
+    point; more candidates from a k-d tree of the middles are tried until that is decided.
+    """
+    length = np.linalg.norm(high - low, axis=1)
+    parts = np.maximum(np.ceil(4.0 * length / max(float(length.mean()), 1e-300)), 1).astype(np.intp)
+    owner = np.repeat(np.arange(len(low)), parts)
+    first = np.cumsum(parts) - parts
+    middle_share = (np.arange(len(owner)) - first[owner] + 0.5) / parts[owner]
+    half = 0.5 * float((length / parts).max())
+    tree = cKDTree(low[owner] + middle_share[:, None] * (high - low)[owner])
+    piece, share = np.zeros(len(goal), dtype=np.intp), np.zeros(len(goal))
+    undecided, count = np.arange(len(goal)), min(8, len(owner))
     while undecided.size:
         reach, index = tree.query(goal[undecided], k=count)
-        reach, index = np.reshape(reach, (-1, count)), np.reshape(index, (-1, count))
-        result[undecided] = _from_segments(goal[undecided][:, None, :], low[index], high[index]).min(axis=1)
-        if count == len(low):
+        reach, index = np.reshape(reach, (-1, count)), owner[np.reshape(index, (-1, count))]
+        along, distance = _feet(goal[undecided][:, None, :], low[index], high[index])
+        best = np.argmin(distance, axis=1)
+        rows = np.arange(len(undecided))
+        piece[undecided], share[undecided] = index[rows, best], along[rows, best]
+        if count == len(owner):
             break
-        undecided = undecided[reach[:, -1] < result[undecided] + half]
-        count = min(4 * count, len(low))
-    return result
+        undecided = undecided[reach[:, -1] < distance[rows, best] + half]
+        count = min(4 * count, len(owner))
+    return piece, share
 
 
-def _from_segments(points: Floats, low: Floats, high: Floats) -> Floats:
+def _feet(points: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Where on each piece (0 ... 1) the point nearest to `points` lies, and how far away it is."""
     chord = high - low
     length2 = np.maximum((chord**2).sum(axis=-1), 1e-300)
     along = np.clip(((points - low) * chord).sum(axis=-1) / length2, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(points - low - along[..., None] * chord, axis=-1))
+    return along, np.linalg.norm(points - low - along[..., None] * chord, axis=-1)
 
 
 def deviation_from_polyline(curve: Curve, polyline: ArrayLike, *, closed: bool | None = None) -> Deviation:
     """Both ways between a curve and a polyline (its sides count, not only its points).
 
     polyline : (n, d) float, mm   closed : default, as the curve is.
-    The curve is measured at 8 points per span, the polyline at its points and its sides' quarters.
+    The curve is measured at 8 points per span or more, the polyline at its points and its sides' quarters.
     """
     path = np.asarray(polyline, dtype=np.float64)
     loop = curve.is_closed if closed is None else closed
-    samples = divide_evenly(curve.breaks, np.full(len(curve.breaks) - 1, _SAMPLES_PER_SPAN, dtype=np.intp))
-    outward = distances_to_polyline(curve.evaluate(samples), path, closed=loop)
+    outward = distances_to_polyline(curve.evaluate(_samples(curve)), path, closed=loop)
     following = np.roll(path, -1, axis=0) if loop else path[1:]
     start = path if loop else path[:-1]
     quarters = [start + share * (following - start) for share in (0.25, 0.5, 0.75)]

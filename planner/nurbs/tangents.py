@@ -11,6 +11,7 @@ Floats = NDArray[np.float64]
 
 _COLLINEAR = 1e-10  # sine of an angle below which neighbouring chords count as one straight line
 _CUSP = 1e-7  # share of the chords that must be left of V for it to have a direction
+_STRAIGHT = 5.0  # a chord this much longer than its neighbour is a flat side, not a step along a curved one
 _UNEVEN = 2.0  # an end chord this much shorter than its neighbour makes q0 = 2 q1 - q2 turn round
 
 
@@ -20,7 +21,9 @@ def five_point_tangents(chords: Chords) -> tuple[Floats, Floats, Chords]:
     Closed contours look at their neighbours cyclically; runs between corners or open ends are extended by
     q0 = 2 q1 - q2, q-1 = 2 q0 - q1 and likewise at the far end. Where the denominator of Eq. 4 vanishes (straight
     runs) the weight is 1/2. A contour that reverses at a point has no tangent there: it is broken like at a corner.
-    Known tangents take the place of Eq. 4's; the free end of a chord whose other end is known is that of a circle.
+    Beside a chord five times longer than the next the tangent is that chord's, as if it had been densified (Eq. 13):
+    a flat side stays flat where it runs into an arc. Known tangents take the place of Eq. 4's; the free end of a
+    chord whose other end is known is that of a circle.
     Returns (start (S, d) unit, end (S, d) unit, chords).
     Source: paper Eqs. 2-4; Piegl & Tiller Eqs. 9.28-9.31.
     """
@@ -33,6 +36,7 @@ def five_point_tangents(chords: Chords) -> tuple[Floats, Floats, Chords]:
         if not cusps.any():
             break
         chords = chords.broken_at(cusps | (chords.follows < 0))
+    joint = _along_straight_sides(joint, vectors, chords)
     joint[is_known] = known[is_known]
     at_start = _end_directions(vectors, chords.follows)
     at_end = _end_directions(vectors, chords.precedes)
@@ -49,13 +53,18 @@ def five_point_tangents(chords: Chords) -> tuple[Floats, Floats, Chords]:
 
 
 def _joint_directions(vectors: Floats, chords: Chords) -> tuple[Floats, Mask]:
-    """V of Eq. 3 at the end of every chord that goes on, and which of them vanish."""
+    """V of Eq. 3 at the end of every chord that goes on, and which of them vanish.
+
+    A flat side counts in the areas of Eq. 4 with no more than its neighbour's length, as if densified to it.
+    """
     follows, precedes = chords.follows, chords.precedes
     goes_on = follows >= 0
     after = np.where(goes_on, follows, 0)
-    area = np.where(goes_on, _cross_length(vectors, vectors[after]), 0.0)
     length = np.linalg.norm(vectors, axis=1)
-    product = length * length[after]
+    shorter, longer = np.minimum(length, length[after]), np.maximum(length, length[after])
+    share = np.where(longer >= _STRAIGHT * shorter, shorter / longer, 1.0)
+    area = np.where(goes_on, share * _cross_length(vectors, vectors[after]), 0.0)
+    product = share * length * length[after]
     before = np.where(precedes >= 0, precedes, np.arange(len(vectors)))
     beyond = np.where(goes_on[after], after, np.arange(len(vectors)))
     area_before, area_beyond = area[before], area[beyond]
@@ -66,6 +75,14 @@ def _joint_directions(vectors: Floats, chords: Chords) -> tuple[Floats, Mask]:
     reach = (1.0 - weight[:, 0]) * length + weight[:, 0] * length[after]
     cusps = goes_on & (np.linalg.norm(directions, axis=1) <= _CUSP * reach)
     return directions, cusps
+
+
+def _along_straight_sides(joint: Floats, vectors: Floats, chords: Chords) -> Floats:
+    """V of Eq. 3 with the long chord's own direction wherever a chord meets a much shorter one."""
+    length = np.linalg.norm(vectors, axis=1)
+    after = np.where(chords.follows >= 0, chords.follows, np.arange(len(vectors)))
+    joint = np.where((length >= _STRAIGHT * length[after])[:, None], vectors, joint)
+    return np.where((length[after] >= _STRAIGHT * length)[:, None], vectors[after], joint)
 
 
 def _end_directions(vectors: Floats, inner: NDArray[np.intp]) -> Floats:

@@ -117,6 +117,14 @@ def test_closest_point_of_a_circle_is_along_the_radius() -> None:
     np.testing.assert_allclose(circle((0.0, 0.0), 7.0).evaluate(u) * reach[:, None] / 7.0, points, atol=1e-6)
 
 
+def test_closest_point_on_a_long_side_is_found_beside_short_ones() -> None:
+    corners = np.array([[0.0, 28], [60, 28], [60, 16], [0, 16]])
+    plate = interpolate(corners, closed=True, corners=[0, 1, 2, 3])
+    along = np.column_stack([np.linspace(0.0, 60.0, 301), np.full(301, 28.0)])
+    assert closest_points(plate, along)[1].max() <= 1e-12
+    assert deviation(plate, corners) <= 1e-12
+
+
 def test_deviation_counts_both_ways() -> None:
     square = np.array([[0, 0], [10, 0], [10, 10], [0, 10.0]])
     exact = Curve.from_polyline(square, closed=True)

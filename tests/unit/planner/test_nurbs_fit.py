@@ -134,6 +134,15 @@ def test_corner_between_arcs_does_not_bend_the_arcs() -> None:
     assert p[:, 1].min() >= -1e-12
 
 
+def test_straight_sides_between_arcs_stay_straight() -> None:
+    t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 21)
+    right = np.column_stack([50.0 + 5.0 * np.cos(t), 5.0 * np.sin(t)])
+    curve = interpolate(np.vstack([right, -right + [50.0, 0.0]]), closed=True)
+    x, y = curve.evaluate(FINE).T
+    beside = np.where(x > 50.0, np.hypot(x - 50.0, y), np.where(x < 0.0, np.hypot(x, y), np.abs(y)))
+    assert np.abs(beside - 5.0).max() <= 4e-3
+
+
 def test_two_points_make_a_straight_line() -> None:
     curve = interpolate([[0, 0, 0], [3, 4, 0]], closed=False)
     np.testing.assert_allclose(curve.evaluate(FINE), FINE[:, None] * [[3.0, 4.0, 0.0]], atol=1e-12)
