@@ -34,6 +34,12 @@ class Finding:
         return f"{self.text}{where}{done}"
 
 
+def counted(count: int, noun: str) -> str:
+    """A number with its noun, in the plural where it is not one: "1 hole", "3 holes", "2 bodies"."""
+    plural = noun[:-1] + "ies" if noun.endswith("y") else noun + "s"
+    return f"{count} {noun if count == 1 else plural}"
+
+
 def place_text(place: ArrayLike) -> str:
     """A place in words.  place : (3,) float, mm."""
     values = [round(float(value), 3) + 0.0 for value in np.asarray(place, dtype=np.float64)]

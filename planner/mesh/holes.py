@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from planner.errors import MeshError
 from planner.mesh.adjacency import OPEN
-from planner.mesh.findings import Finding, place_text
+from planner.mesh.findings import Finding, counted, place_text
 from planner.mesh.mesh import Floats, Ints, Mesh
 
 MAX_HOLE_FRACTION = 0.15
@@ -51,15 +51,15 @@ def close_holes(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
     place = mesh.vertices[rims[0]].mean(axis=0)
     if share > MAX_PATCH_FRACTION:
         raise MeshError(
-            f"{len(rims)} holes make up {100 * share:.1f} % of the surface, first at {place_text(place)}",
+            f"{counted(len(rims), 'hole')} make up {100 * share:.1f} % of the surface, first at {place_text(place)}",
             f"at most {100 * MAX_PATCH_FRACTION:g} % is closed: repair the model and export it again",
         )
     edges = sum(len(rim) for rim in rims)
     change = -_bulge_volume(mesh, added)
     percent = 100.0 * abs(change) / max(abs(closed.volume), 1e-300)
     text = (
-        f"not watertight: {edges} open edges around {len(rims)} holes, "
-        f"closed with {len(added)} facets ({percent:.2g} % of the volume)"
+        f"not watertight: {edges} open edges around {counted(len(rims), 'hole')}, "
+        f"closed with {counted(len(added), 'facet')} ({percent:.2g} % of the volume)"
     )
     return closed, [Finding("open_edges", edges, place, True, change, text)]
 
@@ -134,9 +134,8 @@ def _refuse_wide(mesh: Mesh, rims: list[Ints], patches: list[Ints]) -> None:
 def _refuse_hole(mesh: Mesh, rims: list[Ints], rim: Ints) -> None:
     """Raise MeshError about this hole."""
     extent = float(np.linalg.norm(np.ptp(mesh.vertices[rim], axis=0)))
-    holes = "1 hole" if len(rims) == 1 else f"{len(rims)} holes"
     raise MeshError(
-        f"not watertight: {holes}, the largest {extent:.4g} mm wide with {len(rim)} open edges "
+        f"not watertight: {counted(len(rims), 'hole')}, the largest {extent:.4g} mm wide with {len(rim)} open edges "
         f"around {place_text(mesh.vertices[rim].mean(axis=0))}",
         f"only holes up to {MAX_HOLE_FRACTION * mesh.diagonal:.3g} mm and {MAX_HOLE_EDGES} edges are closed: "
         "repair the model and export it again",

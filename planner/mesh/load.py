@@ -28,6 +28,14 @@ class LoadedMesh:
     units: str
     source_sha256: str
 
+    @property
+    def summary(self) -> str:
+        """One line that shows the unit taken and the bounding box: if it looks wrong, the unit was."""
+        low, high = self.mesh.bounds
+        size = " x ".join(f"{value:.6g}" for value in self.mesh.size)
+        box = ", ".join(f"{a:.6g} ... {b:.6g}" for a, b in zip(low, high, strict=True))
+        return f"{size} mm (file in {self.units}; x, y, z = {box} mm), {len(self.mesh.facets)} facets"
+
 
 def load(path: str | Path, units: str = "mm") -> Mesh:
     """The closed mesh in a file (.stl, .3mf, .obj, .ply), in mm; what was mended is told by `load_checked`.

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from planner.errors import MeshError
 from planner.mesh.adjacency import CROWDED, OPEN, pair_half_edges
 from planner.mesh.bodies import unite_bodies
-from planner.mesh.findings import Finding, place_text
+from planner.mesh.findings import Finding, counted, place_text
 from planner.mesh.holes import close_holes
 from planner.mesh.mesh import Floats, Ints, Mesh, unique_vertices
 from planner.mesh.selfcross import crossing_facets
@@ -63,7 +63,7 @@ def _without_collapsed(mesh: Mesh, findings: list[Finding]) -> tuple[Mesh, list[
     if collapsed.all():
         raise MeshError(f"all {len(facets)} facets are degenerate: no two corners apart", "export the model again")
     count, first = int(collapsed.sum()), int(np.flatnonzero(collapsed)[0])
-    text = f"{count} degenerate facets (two equal corners) removed"
+    text = counted(count, "degenerate facet") + " (two equal corners) removed"
     found = Finding("degenerate_facets", count, mesh.centroids[first], True, 0.0, text)
     return Mesh(mesh.vertices, facets[~collapsed]), [*findings, found]
 
@@ -96,7 +96,7 @@ def _without_duplicates(mesh: Mesh, findings: list[Finding]) -> tuple[Mesh, list
     result = Mesh(mesh.vertices, mesh.facets[keep])
     if not len(result.facets):
         raise MeshError("all facets come in pairs that cancel: the mesh encloses nothing", "export a solid")
-    text = f"{len(removed)} duplicate facets removed"
+    text = counted(len(removed), "duplicate facet") + " removed"
     finding = Finding("duplicate_facets", len(removed), mesh.centroids[removed[0]], True, 0.0, text)
     return result, [*findings, finding]
 
@@ -117,7 +117,7 @@ def _welded_near(mesh: Mesh, findings: list[Finding]) -> tuple[Mesh, list[Findin
     number[rim] = rim[first[label]]
     welded = Mesh(mesh.vertices, number[mesh.facets])
     count = len(rim) - len(first)
-    text = f"{count} vertices within {WELD_FRACTION * mesh.diagonal:.2g} mm of another on open edges joined to it"
+    text = f"{count} vertices on open edges within {WELD_FRACTION * mesh.diagonal:.2g} mm of another joined to it"
     finding = Finding(
         "near_duplicate_vertices", count, mesh.vertices[rim[pairs[0, 0]]], True, welded.volume - mesh.volume, text
     )
@@ -130,7 +130,7 @@ def _agreed(mesh: Mesh, findings: list[Finding]) -> tuple[Mesh, list[Finding]]:
     agreed, turned = agree_winding(mesh)
     if not len(turned):
         return mesh, findings
-    text = f"mixed winding: {len(turned)} facets ran against their neighbours, turned round"
+    text = f"mixed winding: {counted(len(turned), 'facet')} ran against the facets beside, turned round"
     change = agreed.volume - mesh.volume
     return agreed, [*findings, Finding("mixed_winding", len(turned), mesh.centroids[turned[0]], True, change, text)]
 

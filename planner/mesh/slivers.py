@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.mesh.findings import Finding
+from planner.mesh.findings import Finding, counted
 from planner.mesh.mesh import Floats, Ints, Mesh
 
 FLAT_FRACTION = 1e-9
@@ -40,10 +40,16 @@ def flip_slivers(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
     findings = []
     if before > len(flat):
         change = mesh.volume - start.volume
-        text = f"{before - len(flat)} degenerate facets (corners on one line) replaced by dividing their neighbours"
+        text = (
+            counted(before - len(flat), "degenerate facet")
+            + " (corners on one line) replaced by dividing facets beside"
+        )
         findings.append(Finding("degenerate_facets", before - len(flat), place, True, change, text))
     if len(flat):
-        text = f"{len(flat)} degenerate facets (corners on one line) could not be removed; they do no harm to slicing"
+        text = (
+            counted(len(flat), "degenerate facet")
+            + " (corners on one line) could not be removed; slicing is not harmed"
+        )
         findings.append(Finding("degenerate_facets", len(flat), mesh.centroids[flat[0]], False, 0.0, text))
     return mesh, findings
 

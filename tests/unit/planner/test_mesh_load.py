@@ -36,7 +36,9 @@ def test_every_format_gives_the_same_closed_box(kind: str, suffix: str) -> None:
 
 
 def test_inches_are_scaled_to_millimetres() -> None:
-    np.testing.assert_allclose(load_bytes(STL, ".stl", "inch").size, [254, 508, 762])
+    loaded = inspect_bytes(STL, ".stl", "inch")
+    np.testing.assert_allclose(loaded.mesh.size, [254, 508, 762])
+    assert loaded.summary.startswith("254 x 508 x 762 mm (file in inch; x, y, z = -127 ... 127, ")
 
 
 def test_a_3mf_that_states_another_unit_than_the_user_is_refused() -> None:
