@@ -1,0 +1,60 @@
+"""The build direction of a part that leaves it open: little overhang, a broad base, few layers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.mesh.mesh import Mesh
+
+Floats = NDArray[np.float64]
+
+_OVERHANG_DEG = 45.0
+"""Faces that look down more than this from the horizontal direction of a wall count as overhang."""
+_FACET_CANDIDATES = 8  # largest flat faces that may lie on the substrate, besides the six axes
+_BASE_MM = 0.05  # faces within this height of the lowest point lie on the substrate
+_WEIGHTS = {"overhang": 1.0, "height": 0.3, "base": 0.5}
+"""Of overhanging area, height and missing base, each relative to the part's size. Overhang costs most: it falls away;
+the base holds the part while it is milled; height costs time only."""
+
+
+def best_direction(mesh: Mesh) -> tuple[Floats, list[str]]:
+    """The best of the six axes and of the largest flat faces laid down: (3,) float unit vector, and a finding that says so."""
+    candidates = _candidates(mesh)
+    scores = np.array([direction_score(mesh, candidate) for candidate in candidates])
+    best = candidates[int(np.argmin(np.round(scores, 9)))]
+    text = ", ".join(f"{value:.4g}" for value in best + 0.0)
+    return best, [f"build direction chosen: ({text}), the best of {len(candidates)} by overhang, base and height"]
+
+
+def direction_score(mesh: Mesh, direction: Floats) -> float:
+    """What building along a unit direction costs, 0 (a prism on its base) and up; smaller is better."""
+    along = mesh.vertices[mesh.facets] @ direction
+    low, high = float(along.min()), float(along.max())
+    facing = mesh.normals @ direction
+    on_base = (along.max(axis=1) <= low + _BASE_MM) & (facing < -0.99)
+    hangs = (facing < -np.sin(np.radians(_OVERHANG_DEG))) & ~on_base
+    overhang = float((mesh.areas[hangs] * -facing[hangs]).sum())
+    shadow = 0.5 * float((mesh.areas * np.abs(facing)).sum())
+    base = float(mesh.areas[on_base].sum())
+    return (
+        _WEIGHTS["overhang"] * overhang / max(shadow, 1e-12)
+        + _WEIGHTS["height"] * (high - low) / mesh.diagonal
+        + _WEIGHTS["base"] * (1.0 - min(base / max(shadow, 1e-12), 1.0))
+    )
+
+
+def _candidates(mesh: Mesh) -> list[Floats]:
+    """+z first (it wins a tie), the other axes, then the directions away from the largest flat faces."""
+    axes = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=np.float64)
+    normals, group = np.unique(np.round(mesh.normals, 4) + 0.0, axis=0, return_inverse=True)
+    areas = np.bincount(group.reshape(-1), weights=mesh.areas, minlength=len(normals))
+    found = [axis for axis in axes]
+    for number in np.argsort(-areas, kind="stable")[:_FACET_CANDIDATES]:
+        length = float(np.linalg.norm(normals[number]))
+        if length < 0.5:
+            continue
+        down = normals[number] / length
+        if all(np.abs(-down - other).max() > 1e-3 for other in found):
+            found.append(-down)
+    return found

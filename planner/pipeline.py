@@ -1,0 +1,179 @@
+"""From a mesh and a recipe to a Plan: the stages, one call each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from planner.decompose.direction import best_direction
+from planner.errors import PlanningError, RecipeError
+from planner.mesh.mesh import Mesh, mesh_of
+from planner.plan import Layer, Operation, Plan, Wall
+from planner.process import Bead, Settings
+from planner.recipe import Recipe
+from planner.slicing.contours import layer_contours
+from planner.slicing.layers import layer_levels
+from planner.slicing.regions import LayerRegion, layer_regions
+from planner.slicing.section import plane_frame
+from planner.slicing.walls import ruled_walls
+from planner.toolpath.bands import make_bands
+from planner.toolpath.order import Sequence, build_up
+from planner.toolpath.roughing import carve, stock_of
+
+Floats = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+_OVERHANG_WORTH_MM2 = 0.5  # smaller unsupported areas are the rounding of sections
+
+
+def plan(
+    mesh: object, recipe: Recipe, *, part_name: str = "part", progress: Progress | None = None, findings: Iterable[str] = ()
+) -> Plan:
+    """How to make a part: layers, contours, walls and operations in its build frame.
+
+    mesh : planner.mesh.Mesh, its LoadedMesh (findings are taken over) or a `trimesh.Trimesh`, mm
+    progress : told each stage and the share of the work done, 0 … 1   findings : lines to put before the planner's own.
+    The same mesh and recipe give the same Plan.
+    Raises MeshError, RecipeError or PlanningError, one line each.
+    """
+    say = progress or (lambda stage, share: None)
+    body, found = _body_and_findings(mesh)
+    found = [*findings, *found]
+    say("orient", 0.0)
+    settings = Settings.from_recipe(recipe)
+    direction, chosen = build_direction(body, recipe)
+    found += chosen
+    build_from_part = build_frame(body, direction)
+    part = body.transformed(build_from_part)
+    say("layers", 0.02)
+    levels, notes = layer_levels(part, recipe.cusp_mm, settings.layer_min_mm, settings.layer_max_mm)
+    found += notes
+    say("sections", 0.05)
+    regions = layer_regions(part, levels)
+    _refuse_empty(regions)
+    if recipe.process == "mill":
+        stock = stock_of(part, recipe, settings, build_from_part)
+        sequence = carve(stock, regions, settings, lambda share: say("toolpaths", 0.2 + 0.8 * share))
+        regions = regions[::-1]
+    else:
+        say("contours", 0.1)
+        beads = layer_beads(regions, settings)
+        bands = make_bands(regions, part, settings) if settings.is_milled else []
+        say("toolpaths", 0.3)
+        sequence = build_up(regions, beads, bands, settings, lambda share: say("toolpaths", 0.3 + 0.7 * share))
+        found += _overhang_findings(regions)
+    found += sequence.findings
+    layers = [layer_of(region, part, sequence.operations.get(region.index, ())) for region in regions]
+    volumes = _volumes(part, sequence, settings)
+    say("done", 1.0)
+    return Plan(
+        part_name=part_name,
+        mesh_sha256=body.sha256,
+        recipe_toml=recipe_text(recipe),
+        material=settings.material.name,
+        process=recipe.process,
+        tolerance_mm=recipe.tolerance_mm,
+        build_from_part=build_from_part,
+        bounds=part.bounds,
+        layers=tuple(layers),
+        findings=tuple(found),
+        volumes_mm3=volumes,
+    )
+
+
+def build_direction(mesh: Mesh, recipe: Recipe) -> tuple[Floats, list[str]]:
+    """The unit build direction in the part frame, and what was decided.  Raises RecipeError if it has no length."""
+    if recipe.build_direction == "auto":
+        return best_direction(mesh)
+    vector = np.array(recipe.build_direction, dtype=np.float64)
+    length = float(np.linalg.norm(vector))
+    if length < 1e-9:
+        raise RecipeError("build_direction: asked (0, 0, 0), it needs a length", 'give a vector or "auto"')
+    return vector / length, []
+
+
+def build_frame(mesh: Mesh, direction: Floats) -> Floats:
+    """(4, 4) float   build_from_part: z along the direction, the box's centre at x = y = 0, its lowest point at z = 0."""
+    rotation = plane_frame(np.concatenate([np.zeros(3), direction]))[1:]
+    turned = mesh.vertices[np.unique(mesh.facets)] @ rotation.T
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    build_from_part = np.eye(4)
+    build_from_part[:3, :3] = rotation
+    build_from_part[:3, 3] = -np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])
+    return build_from_part
+
+
+def recipe_text(recipe: Recipe) -> str:
+    """The recipe as TOML, every field that is set, in the order of its definition."""
+    return tomli_w.dumps({key: value for key, value in recipe.model_dump().items() if value is not None})
+
+
+def layer_beads(regions: list[LayerRegion], settings: Settings) -> list[Bead]:
+    """The bead of each layer. Raises RecipeError if no bead fills one, or if only milling could bring one down."""
+    beads = [settings.bead_for(region.height_mm) for region in regions]
+    if settings.is_milled:
+        return beads
+    for region, bead in zip(regions, beads, strict=True):
+        most = region.height_mm * (1.0 + settings.overbuild) * 1.05
+        if bead.height_mm > most:
+            raise RecipeError(
+                f"layer {region.index}: {region.height_mm:.3g} mm high, but the lowest bead of {settings.material.name} makes "
+                f"{bead.height_mm:.3g} mm and process = deposit mills nothing down",
+                "choose higher layers, less powder or process = hybrid",
+            )
+    return beads
+
+
+def _body_and_findings(mesh: object) -> tuple[Mesh, list[str]]:
+    """The mesh itself and the findings that came with it."""
+    loaded = getattr(mesh, "mesh", None)
+    if loaded is not None:
+        return mesh_of(loaded), [str(finding) for finding in getattr(mesh, "findings", ())]
+    return mesh_of(mesh), []
+
+
+def _refuse_empty(regions: list[LayerRegion]) -> None:
+    """Raise PlanningError where a layer holds nothing: what is above it would float."""
+    for region in regions:
+        if region.region.is_empty:
+            raise PlanningError(
+                f"nothing of the part lies between z {region.z_bottom:.3f} and {region.z_top:.3f} mm, but something above",
+                "plan the bodies one by one",
+            )
+
+
+def _overhang_findings(regions: list[LayerRegion]) -> list[str]:
+    return [
+        f"layer {region.index}: {region.overhang_mm2:.1f} mm² at z {region.z_bottom:.2f} mm rest on nothing"
+        for region in regions
+        if region.overhang_mm2 > max(_OVERHANG_WORTH_MM2, 0.02 * region.areas[0].area)
+    ]
+
+
+def layer_of(region: LayerRegion, part: Mesh, operations: Iterable[Operation]) -> Layer:
+    """The Layer of the Plan: planes, contours, walls, areas and what is done to it."""
+    contours = layer_contours(region, part)
+    if region.is_upright:
+        raised = np.eye(4)
+        raised[2, 3] = region.height_mm
+        walls = tuple(Wall(contour.curve, contour.curve.transformed(raised)) for contour in contours)
+    else:
+        walls = ruled_walls(region.bottom, region.top, part)
+    return Layer(
+        index=region.index,
+        bottom=np.array([0.0, 0.0, region.z_bottom, 0.0, 0.0, 1.0]),
+        top=np.array([0.0, 0.0, region.z_top, 0.0, 0.0, 1.0]),
+        contours=contours,
+        walls=walls,
+        overlap_mm2=region.overlap_mm2,
+        overhang_mm2=region.overhang_mm2,
+        operations=tuple(operations),
+    )
+
+
+def _volumes(part: Mesh, sequence: Sequence, settings: Settings) -> dict[str, float]:
+    milled = max(sequence.deposited_mm3 - part.volume, 0.0) if settings.is_milled else 0.0
+    return {"deposited": sequence.deposited_mm3, "milled": milled, "part": part.volume}

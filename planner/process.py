@@ -1,0 +1,172 @@
+"""What a recipe and a material come to: every field settled, and the bead that fills a layer of a given height."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from config import ConfigError, load_material
+from config.material import Material, Window
+from planner.errors import RecipeError
+from planner.recipe import Recipe
+
+_FILLS = 1e-9  # relative: rounding of the closed forms below
+
+
+@dataclass(frozen=True)
+class Bead:
+    """One track, and the flat layer that tracks side by side make.
+
+    width_mm, crest_mm : the single track, a parabola    step_mm : distance of neighbouring tracks
+    height_mm : of the flat layer that tracks at that distance make: area / step
+    """
+
+    speed_mm_s: float
+    laser_w: float
+    powder_g_min: float
+    width_mm: float
+    area_mm2: float
+    step_mm: float
+
+    @property
+    def crest_mm(self) -> float:
+        """Height of a single track: 1.5 area / width for a parabola."""
+        return 1.5 * self.area_mm2 / self.width_mm
+
+    @property
+    def height_mm(self) -> float:
+        """Height of the layer that the tracks make, mm."""
+        return self.area_mm2 / self.step_mm
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A recipe with nothing left open. Units as in the names; angles in degrees."""
+
+    recipe: Recipe
+    material: Material
+    step_over: float
+    layer_min_mm: float
+    layer_max_mm: float
+    overbuild: float
+    allowance_mm: float
+    interpass_s: float
+    cutter_diameter_mm: float
+    spindle_rpm: float
+    mill_feed_mm_s: float
+    mill_every_mm: float
+
+    @property
+    def is_milled(self) -> bool:
+        """Whether the walls and tops are cut."""
+        return self.recipe.process != "deposit"
+
+    @property
+    def cutter_radius_mm(self) -> float:
+        """Half the cutter's diameter."""
+        return 0.5 * self.cutter_diameter_mm
+
+    @classmethod
+    def from_recipe(cls, recipe: Recipe) -> Settings:
+        """Take what the recipe leaves open from its material.
+
+        Raises RecipeError, one line with field, value asked, bound and unit, if the material does not allow it.
+        """
+        try:
+            material = load_material(recipe.material)
+        except ConfigError as error:
+            raise RecipeError(f"material: {error.message}", error.hint) from None
+        facts, mill = material.deposition, material.milling
+        _within("layer_height_mm", recipe.layer_height_mm, facts.layer_height_mm, "mm", material.name)
+        _within("speed_mm_s", recipe.speed_mm_s, facts.speed_mm_s, "mm/s", material.name)
+        _within("laser_w", recipe.laser_w, facts.laser_w, "W", material.name)
+        _within("powder_g_min", recipe.powder_g_min, facts.powder_g_min, "g/min", material.name)
+        if recipe.step_over is not None and recipe.step_over < LEAST_STEP_OVER:
+            raise RecipeError(
+                f"step_over: asked {recipe.step_over:g}, at least {LEAST_STEP_OVER:g} of the bead's width",
+                "tracks closer than that pile up",
+            )
+        if recipe.mill_every_mm is not None and recipe.mill_every_mm > mill.axial_depth_mm:
+            raise RecipeError(
+                f"mill_every_mm: asked {recipe.mill_every_mm:g} mm, {material.name} allows {mill.axial_depth_mm:g} mm "
+                "(axial depth of cut)",
+                "mill more often",
+            )
+        diameter = recipe.cutter_diameter_mm or mill.cutter_diameter_mm
+        rpm = 1000.0 * mill.cutting_speed_m_min / (math.pi * diameter)
+        height = recipe.layer_height_mm
+        return cls(
+            recipe=recipe,
+            material=material,
+            step_over=_either(recipe.step_over, material.bead.step_over),
+            layer_min_mm=height or facts.layer_height_mm.min,
+            layer_max_mm=height or facts.layer_height_mm.max,
+            overbuild=_either(recipe.overbuild, facts.overbuild),
+            allowance_mm=0.0 if recipe.process == "deposit" else _either(recipe.stock_allowance_mm, facts.stock_allowance_mm),
+            interpass_s=_either(recipe.interpass_s, facts.interpass_s),
+            cutter_diameter_mm=diameter,
+            spindle_rpm=round(rpm, 0),
+            mill_feed_mm_s=round(rpm * mill.feed_per_tooth_mm * recipe.cutter_teeth / 60.0, 3),
+            mill_every_mm=recipe.mill_every_mm or mill.axial_depth_mm,
+        )
+
+    def bead_for(self, layer_mm: float) -> Bead:
+        """The bead whose layer is (1 + overbuild) times the layer's height, by speed, then powder, then power.
+
+        What the recipe fixes stays. Where the window has no such bead, the nearest that is not too low.
+        Raises RecipeError if no bead of the window fills the layer.
+        """
+        facts, recipe, law = self.material.deposition, self.recipe, self.material.bead
+        wanted = layer_mm * (1.0 + self.overbuild)
+        bead = self._bead(
+            _either(recipe.speed_mm_s, facts.speed_mm_s.usual),
+            _either(recipe.powder_g_min, facts.powder_g_min.usual),
+            _either(recipe.laser_w, facts.laser_w.usual),
+        )
+        speed_exponent = -1.0 - law.width_speed_exponent
+        if recipe.speed_mm_s is None and speed_exponent:
+            speed = bead.speed_mm_s * (wanted / bead.height_mm) ** (1.0 / speed_exponent)
+            bead = self._bead(_clamped(speed, facts.speed_mm_s), bead.powder_g_min, bead.laser_w)
+        if recipe.powder_g_min is None:
+            powder = bead.powder_g_min * wanted / bead.height_mm
+            bead = self._bead(bead.speed_mm_s, _clamped(powder, facts.powder_g_min), bead.laser_w)
+        if recipe.laser_w is None and law.width_power_exponent:
+            power = bead.laser_w * (bead.height_mm / wanted) ** (1.0 / law.width_power_exponent)
+            least = max(facts.laser_w.min, law.min_power_w)
+            bead = self._bead(bead.speed_mm_s, bead.powder_g_min, min(max(power, least), facts.laser_w.max))
+        if bead.height_mm < layer_mm * (1.0 - _FILLS):
+            raise RecipeError(
+                f"layer_height_mm: a layer of {layer_mm:.3g} mm asked, but the beads of {self.material.name} fill at most "
+                f"{bead.height_mm:.3g} mm at {bead.speed_mm_s:.3g} mm/s and {bead.powder_g_min:.3g} g/min",
+                "choose a lower layer, a lower speed or more powder",
+            )
+        return bead
+
+    def _bead(self, speed_mm_s: float, powder_g_min: float, laser_w: float) -> Bead:
+        law = self.material.bead
+        area = law.catch_efficiency * powder_g_min / 60.0 / (self.material.density_g_mm3 * speed_mm_s)
+        width = law.width_coefficient * laser_w**law.width_power_exponent * speed_mm_s**law.width_speed_exponent
+        return Bead(speed_mm_s, laser_w, powder_g_min, width, area, self.step_over * width)
+
+    def with_direction(self, direction: tuple[float, float, float]) -> Settings:
+        """The same with a build direction that was chosen automatically."""
+        return replace(self, recipe=self.recipe.model_copy(update={"build_direction": direction}))
+
+
+LEAST_STEP_OVER = 0.3  # of the width: two thirds of every track would lie on the one before it
+
+
+def _either(asked: float | None, default: float) -> float:
+    return default if asked is None else asked
+
+
+def _clamped(value: float, window: Window) -> float:
+    return min(max(value, window.min), window.max)
+
+
+def _within(field: str, asked: float | None, window: Window, unit: str, material: str) -> None:
+    if asked is not None and not window.min <= asked <= window.max:
+        raise RecipeError(
+            f"{field}: asked {asked:g} {unit}, {material} allows {window.min:g} … {window.max:g} {unit}",
+            "stay inside the material's process window or give another material file",
+        )

@@ -1,0 +1,1 @@
+"""Toolpaths: contours, hatch, faces, walls, and the links between them."""

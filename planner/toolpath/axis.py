@@ -1,0 +1,100 @@
+"""The tool axis along leaning walls: the flank of the cutter on the rulings between two contours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from planner.nurbs.curve import Curve
+from planner.nurbs.fit import interpolate
+from planner.plan import Wall
+from planner.process import Settings
+from planner.toolpath.motion import Motion
+from planner.toolpath.side import wall_offsets
+
+Floats = NDArray[np.float64]
+
+STEEPEST_AXIS = 0.35
+"""Least z of a ruling that the flank follows: beyond 70 degrees from the build direction a wall is a ledge."""
+_STEP_MM = 0.5  # between points round a wall; the curve through them is within 1e-4 mm at radii above 1 mm
+_GOUGE_MM = 5e-3  # how far the flank may cut into the wall elsewhere: points of the path that do are left out
+_TURN = np.cos(np.radians(25.0))  # tip paths that turn more from point to point have a corner there
+
+
+def ruled_motions(wall: Wall, excess_mm: float, below_mm: float, floor_z: float | None, settings: Settings) -> list[Motion]:
+    """Closed tip curves with their axes along one ruled wall, outside in, the part on the right (climb milling).
+
+    wall : bottom and top with the part on their left   below_mm : how far the flank reaches under the bottom
+    floor_z : the cutter's end stays above it; None: free below.
+    Tip = bottom point + (radius + what is left) x normal, axis = ruling: the flank touches the whole ruling. Points at
+    which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left.
+    """
+    count = max(24, int(np.ceil(max(wall.bottom.length, wall.top.length) / _STEP_MM)))
+    u = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), wall.bottom.breaks]))[:-1]
+    low, along, high = wall.bottom.evaluate(u), wall.bottom.derivatives(u, 1)[1], wall.top.evaluate(u)
+    axis = (high - low) / np.linalg.norm(high - low, axis=1)[:, None]
+    normal = np.cross(along, axis)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    low, axis, normal = _with_corner_turns(low, axis, normal)
+    radius = settings.cutter_radius_mm
+    motions = []
+    for leave in wall_offsets(excess_mm, settings.material.milling.radial_depth_mm):
+        tip = low + (radius + leave) * normal - (below_mm / axis[:, 2])[:, None] * axis
+        if floor_z is not None:
+            dip = radius * np.hypot(axis[:, 0], axis[:, 1])
+            tip = tip + (np.maximum(floor_z - (tip[:, 2] - dip), 0.0) / axis[:, 2])[:, None] * axis
+        free = _is_free(tip, axis, np.vstack([low, high]), radius + leave)
+        if free.sum() >= 8:
+            motions.append(_closed(tip[free][::-1], axis[free][::-1]))
+    return motions
+
+
+def _with_corner_turns(low: Floats, axis: Floats, normal: Floats) -> tuple[Floats, Floats, Floats]:
+    """Where the wall's normal jumps (an outside corner), the cutter rolls round it: points at 8 degrees are added."""
+    following = np.roll(normal, -1, axis=0)
+    gap = np.degrees(np.arccos(np.clip((normal * following).sum(axis=1), -1.0, 1.0)))
+    extra = np.where(gap > 16.0, np.ceil(gap / 8.0).astype(int) - 1, 0)
+    owner = np.repeat(np.arange(len(low)), extra + 1)
+    place = np.arange(len(owner)) - np.repeat(np.cumsum(extra + 1) - extra - 1, extra + 1)
+    share = (place / (extra[owner] + 1.0))[:, None]
+    after = (owner + 1) % len(low)
+
+    def between(values: Floats) -> Floats:
+        return np.asarray((1.0 - share) * values[owner] + share * values[after])
+
+    turned, ruled = between(normal), between(axis)
+    turned -= (turned * ruled).sum(axis=1)[:, None] * ruled / (ruled**2).sum(axis=1)[:, None]
+    return (
+        between(low),
+        ruled / np.linalg.norm(ruled, axis=1)[:, None],
+        turned / np.linalg.norm(turned, axis=1)[:, None],
+    )
+
+
+def _is_free(tip: Floats, axis: Floats, wall: Floats, radius_mm: float) -> NDArray[np.bool_]:
+    """At which poses all wall points keep the radius from the cutter's axis: (n,) bool.
+
+    wall : (m, 3) float, mm, points of the wall's bottom and top.
+    """
+    reach = float(np.linalg.norm(np.ptp(wall[:, 2])) + 3.0 * radius_mm)
+    near = cKDTree(wall).query_ball_point(tip, reach)
+    free = np.ones(len(tip), dtype=bool)
+    for k, members in enumerate(near):
+        away = wall[members] - tip[k]
+        along = away @ axis[k]
+        across2 = (away**2).sum(axis=1) - along**2
+        free[k] = not np.any((across2 < (radius_mm - _GOUGE_MM) ** 2) & (along > -_GOUGE_MM))
+    return free
+
+
+def _closed(tips: Floats, axes: Floats) -> Motion:
+    """A closed motion through tips with their axes, (n, 3) float each."""
+    kept = np.linalg.norm(np.roll(tips, -1, axis=0) - tips, axis=1) > 1e-4
+    tips, axes = tips[kept], axes[kept]
+    chords = np.roll(tips, -1, axis=0) - tips
+    chords /= np.linalg.norm(chords, axis=1)[:, None]
+    corner = (chords * np.roll(chords, 1, axis=0)).sum(axis=1) < _TURN
+    tip = interpolate(tips, closed=True, corners=corner)
+    knots = np.concatenate([tip.breaks[:1], tip.breaks, tip.breaks[-1:]])
+    return Motion(tip, Curve(1, knots, np.vstack([axes, axes[:1]])))

@@ -1,0 +1,75 @@
+"""Deposited contours: beads at constant distances inside the boundary, with lead-in, overlap and lead-out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from planner.nurbs.offset import inset
+from planner.nurbs.rings import curves_from_region
+from planner.plan import Pass
+from planner.process import Bead, Settings
+from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
+
+Floats = NDArray[np.float64]
+
+PATH_TOLERANCE_MM = 2e-3  # of toolpaths from the exact offset: a fifth of the machine's chord tolerance
+_GOLDEN = 0.5 * (3.0 - 5.0**0.5)  # share of a turn by which the start moves from layer to layer: never near an earlier one
+_OVERLAP = 0.15  # of the bead's width by which a closed bead runs past its start
+
+
+def bead_row(at_mm: float, bead: Bead, gas_l_min: float, laser_on: bool) -> list[float]:
+    """One row of set-points: arc length mm, mm/s, W, g/min, L/min."""
+    return [at_mm, bead.speed_mm_s, bead.laser_w if laser_on else 0.0, bead.powder_g_min, gas_l_min]
+
+
+def contour_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings) -> list[Pass]:
+    """The contours of one layer, outermost first.
+
+    grown : region to fill, allowance included, mm   z : of the surface that receives the beads.
+    The first bead's centre runs half a width inside the boundary, each further one a step inside the last.
+    """
+    passes = []
+    for number in range(settings.recipe.contours):
+        centre = inset(grown, 0.5 * bead.width_mm + number * bead.step_mm)
+        for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
+            turn = (_GOLDEN * (layer + number)) % 1.0
+            loop = lifted(ring.curve, z)
+            passes.append(closed_bead(loop.started_at(turn * loop.length), bead, settings))
+    return passes
+
+
+def closed_bead(loop: Motion, bead: Bead, settings: Settings) -> Pass:
+    """A bead all the way round: tangential lead-in, the loop, a little overlap, lead-out along the loop."""
+    facts = settings.material.deposition
+    length = loop.length
+    overlap = min(_OVERLAP * bead.width_mm, 0.2 * length)
+    tail = min(overlap + facts.lead_out_mm, 0.9 * length)
+    return _with_leads(loop, [loop, loop.from_arc(tail)[0]], length + overlap, bead, settings)
+
+
+def open_bead(line: Motion, bead: Bead, settings: Settings) -> Pass:
+    """A bead from end to end, led in and out along its tangents."""
+    pieces = [line]
+    if settings.material.deposition.lead_out_mm > 0.0:
+        end = line.ends()[2]
+        beyond = end + settings.material.deposition.lead_out_mm * line.tangent(at_end=True)
+        pieces.append(straight([end, beyond], line.ends()[3]))
+    return _with_leads(line, pieces, line.length, bead, settings)
+
+
+def _with_leads(first: Motion, pieces: list[Motion], lit_mm: float, bead: Bead, settings: Settings) -> Pass:
+    """The pass of a tangential lead-in and the pieces, with the laser on for lit_mm from the end of the lead-in."""
+    facts = settings.material.deposition
+    gas = facts.shield_gas_l_min.usual
+    lead = facts.lead_in_mm
+    rows = [bead_row(lead, bead, gas, True)]
+    if lead > 0.0:
+        start, axis, _, _ = first.ends()
+        pieces = [straight([start - lead * first.tangent(), start], axis), *pieces]
+        rows.insert(0, bead_row(0.0, bead, gas, False))
+    whole = joined(pieces)
+    if whole.length > lead + lit_mm + 1e-6:
+        rows.append(bead_row(lead + lit_mm, bead, gas, False))
+    return process_pass(whole, rows)

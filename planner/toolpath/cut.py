@@ -1,0 +1,109 @@
+"""The milling of tops and walls as operations, and findings on what the cutter cannot reach."""
+
+from __future__ import annotations
+
+import shapely
+from shapely import MultiPolygon
+
+from planner.nurbs.offset import outset
+from planner.plan import Operation, Pass, Process
+from planner.process import Settings
+from planner.slicing.regions import LayerRegion
+from planner.toolpath.axis import ruled_motions
+from planner.toolpath.bands import Band
+from planner.toolpath.face import face_passes
+from planner.toolpath.side import begun_on_flat, places, side_pass, swept_by, unreached, upright_passes
+
+BULGE = 0.15
+"""Of the bead's width: how far melt may run out beyond a track's nominal edge."""
+OVERLAP_MM = 0.1  # by which a band reaches under its bottom where the same wall goes on there
+
+
+def face_operation(
+    metal: MultiPolygon, layer: LayerRegion, above_mm: float, settings: Settings, note: str = ""
+) -> Operation | None:
+    """Facing of a layer's top, in depths of at most the axial depth; None where there is nothing to face.
+
+    metal : what stands there, bulge included, mm   above_mm : height of the metal over the plane.
+    """
+    depth = settings.material.milling.axial_depth_mm
+    cuts = max(1, -int(-(above_mm - 1e-9) // depth))
+    passes: list[Pass] = []
+    for cut in range(cuts):
+        passes.extend(face_passes(metal, layer.z_top + (cuts - cut - 1) * above_mm / cuts, settings))
+    return _milled(Process.MILL_FACE, layer.index, passes, settings, note) if passes else None
+
+
+def side_operation(
+    band: Band, below: MultiPolygon, excess_mm: float, settings: Settings
+) -> tuple[Operation | None, list[str]]:
+    """Milling of a band's walls, and findings.
+
+    below : the finished section under the band, mm   excess_mm : metal outside the walls.
+    """
+    findings = _unreached_findings(band, settings)
+    if band.kind == "ruled":
+        passes = _ruled_passes(band, below, excess_mm, settings)
+    else:
+        passes = upright_passes(band.region, band.z_bottom, excess_mm, settings)
+        if _may_reach_under(band, below, passes, settings):
+            passes = upright_passes(band.region, band.z_bottom - OVERLAP_MM, excess_mm, settings)
+    if band.kind == "stepped":
+        findings.append(
+            f"layers {band.first}-{band.last}: no straight lines join the wall's contours; it is milled upright outside "
+            "them and keeps its cusps"
+        )
+    if not passes:
+        findings.append(f"layers {band.first}-{band.last}: no wall that the cutter reaches; side milling left out")
+        return None, findings
+    return _milled(Process.MILL_SIDE, band.last, passes, settings, band.kind), findings
+
+
+def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings, note: str) -> Operation:
+    return Operation(
+        process,
+        layer,
+        tuple(passes),
+        cutter_diameter_mm=settings.cutter_diameter_mm,
+        spindle_rpm=settings.spindle_rpm,
+        note=note,
+    )
+
+
+def _may_reach_under(band: Band, below: MultiPolygon, passes: list[Pass], settings: Settings) -> bool:
+    """Whether the cutter's end, let down a little, would meet nothing that must stand."""
+    if band.first == 0 or not band.continues or not passes:
+        return False
+    touched = shapely.intersection(swept_by(passes, settings.cutter_radius_mm - 0.02), below)
+    return bool(touched.area < 1e-3)
+
+
+def _ruled_passes(band: Band, below: MultiPolygon, excess_mm: float, settings: Settings) -> list[Pass]:
+    """Passes round all walls of a ruled band, wall by wall."""
+    reach = OVERLAP_MM if band.continues and band.first > 0 else 0.0
+    floor = 0.0 if band.first == 0 else (None if band.continues else band.z_bottom)
+    keep_out = outset(below, settings.cutter_radius_mm - 0.5)
+    passes = []
+    for wall in band.walls:
+        for motion in ruled_motions(wall, excess_mm, reach, floor, settings):
+            passes.append(side_pass(begun_on_flat(motion), keep_out, excess_mm, settings))
+    return passes
+
+
+def _unreached_findings(band: Band, settings: Settings) -> list[str]:
+    """What the cutter leaves in the band's holes, slots and inside corners, one line each."""
+    left = unreached(band.region, settings.cutter_radius_mm)
+    height = band.z_top - band.z_bottom
+    findings = []
+    if left.closed.geoms:
+        findings.append(
+            f"z {band.z_bottom:.2f}-{band.z_top:.2f} mm: {len(left.closed.geoms)} holes or slots at {places(left.closed)} mm "
+            f"are narrower than the cutter (D {settings.cutter_diameter_mm:g} mm) and stay unmilled"
+        )
+    if left.corners.geoms:
+        findings.append(
+            f"z {band.z_bottom:.2f}-{band.z_top:.2f} mm: {len(left.corners.geoms)} inside corners at "
+            f"{places(left.corners)} mm keep the cutter's radius {settings.cutter_radius_mm:g} mm "
+            f"({left.corners.area * height:.2f} mm³)"
+        )
+    return findings

@@ -1,0 +1,129 @@
+"""Hatch: parallel beads inside the contours, turned from layer to layer, run to and fro without leaving the region."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from planner.nurbs.offset import inset
+from planner.plan import Pass
+from planner.process import Bead, Settings
+from planner.toolpath.contour import open_bead
+from planner.toolpath.motion import straight
+
+Floats = NDArray[np.float64]
+
+_LEAST_LINE = 0.3  # of the bead's width: shorter tracks are drops; their neighbours cover them
+
+
+@dataclass(frozen=True)
+class Track:
+    """One straight bead.  start, end : (2,) float, mm   line : number of its hatch line   region : of its polygon"""
+
+    start: Floats
+    end: Floats
+    line: int
+    region: int
+
+
+def infill_region(grown: MultiPolygon, bead: Bead, contours: int) -> MultiPolygon:
+    """Where the centres of hatch beads may run.
+
+    Each innermost contour fills half a step on its inner side, so hatch begins there: the ends overlap the contour by
+    width/2 - step/2, and tracks at the step's distance then carry exactly the metal that the region needs.
+    """
+    return inset(grown, 0.5 * bead.width_mm + (contours - 1) * bead.step_mm + 0.5 * bead.step_mm)
+
+
+def hatch_angle(layer: int, settings: Settings) -> float:
+    """Direction of a layer's hatch, rad."""
+    return math.radians(settings.recipe.hatch_angle_deg + layer * settings.recipe.hatch_rotation_deg)
+
+
+def hatch_tracks(region: MultiPolygon, angle: float, step_mm: float, least_mm: float) -> list[Track]:
+    """Tracks in the order in which they are run: lines evenly spread over each polygon, at most a step apart.
+
+    region : centres of beads, mm   angle : rad   least_mm : shorter tracks are left out.
+    Neighbouring lines are run to and fro; where a line falls into several pieces, each strand is run to its end.
+    """
+    tracks: list[Track] = []
+    for number, polygon in enumerate(shapely.get_parts(region)):
+        turned = shapely.affinity.rotate(polygon, -angle, origin=(0.0, 0.0), use_radians=True)
+        for strand in _strands(_pieces(turned, step_mm, least_mm)):
+            for k, (line, low, high, y) in enumerate(strand):
+                ends = np.array([[low, y], [high, y]]) if k % 2 == 0 else np.array([[high, y], [low, y]])
+                back = ends @ np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+                tracks.append(Track(back[0], back[1], line, number))
+    return tracks
+
+
+Piece = tuple[int, float, float, float]
+
+
+def _pieces(polygon: Polygon, step_mm: float, least_mm: float) -> list[list[Piece]]:
+    """Per hatch line its pieces inside the polygon: (line, from x, to x, y), from left to right."""
+    left, bottom, right, top = polygon.bounds
+    count = max(1, round((top - bottom) / step_mm))
+    heights = bottom + (top - bottom) * (np.arange(count) + 0.5) / count
+    ends = np.array([[[left - 1.0, y], [right + 1.0, y]] for y in heights])
+    cut = shapely.intersection(shapely.linestrings(ends), polygon)
+    lines = []
+    for number, (shape, y) in enumerate(zip(cut, heights, strict=True)):
+        spans = [part.bounds for part in shapely.get_parts(shape) if part.length >= least_mm]
+        lines.append(sorted((number, span[0], span[2], float(y)) for span in spans))
+    return lines
+
+
+def _strands(lines: list[list[Piece]]) -> list[list[Piece]]:
+    """Chains of pieces that face each other on neighbouring lines, then the nearest strand after each.
+
+    A piece joins one strand only, so where the region forks or merges, a strand ends and others begin.
+    """
+    running: list[list[Piece]] = []
+    done: list[list[Piece]] = []
+    for line in lines:
+        following: list[list[Piece]] = []
+        taken: set[int] = set()
+        for strand in running:
+            last = strand[-1]
+            side = 2 if len(strand) % 2 else 1
+            facing = [
+                k for k, piece in enumerate(line) if k not in taken and piece[1] < last[2] and last[1] < piece[2]
+            ]
+            if facing:
+                nearest = min(facing, key=lambda k: abs(line[k][side] - last[side]))
+                taken.add(nearest)
+                following.append([*strand, line[nearest]])
+            else:
+                done.append(strand)
+        following.extend([piece] for k, piece in enumerate(line) if k not in taken)
+        running = following
+    return _nearest_first([*done, *running])
+
+
+def _nearest_first(strands: list[list[Piece]]) -> list[list[Piece]]:
+    """Strands ordered so that each starts near the end of the one before it; the first is the lowest, leftmost."""
+    left = sorted(strands, key=lambda strand: (strand[0][0], strand[0][1]))
+    ordered: list[list[Piece]] = []
+    at: tuple[float, float] | None = None
+    while left:
+        chosen = left[0] if at is None else min(left, key=lambda s: math.dist(at, (s[0][1], s[0][3])))
+        left.remove(chosen)
+        ordered.append(chosen)
+        last = chosen[-1]
+        at = (last[2] if len(chosen) % 2 else last[1], last[3])
+    return ordered
+
+
+def fill_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings) -> list[Pass]:
+    """The hatch of one layer.  grown : region to fill, allowance included, mm   z : of the surface that receives it."""
+    region = infill_region(grown, bead, settings.recipe.contours)
+    if region.is_empty:
+        return []
+    tracks = hatch_tracks(region, hatch_angle(layer, settings), bead.step_mm, _LEAST_LINE * bead.width_mm)
+    return [open_bead(straight([[*track.start, z], [*track.end, z]]), bead, settings) for track in tracks]

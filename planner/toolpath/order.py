@@ -1,0 +1,115 @@
+"""What is done in which order: deposit layer by layer, face and mill where due, every pass linked to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from shapely import MultiPolygon
+
+from planner.nurbs.offset import outset
+from planner.plan import Operation
+from planner.process import Bead, Settings
+from planner.slicing.regions import LayerRegion
+from planner.toolpath.bands import Band
+from planner.toolpath.cut import BULGE, face_operation, side_operation
+from planner.toolpath.deposit import deposit_operations, grown_region
+from planner.toolpath.links import Pose, linked
+
+_HIGHER = 1e-3  # relative: a bead this much above what was asked is no rounding
+
+
+@dataclass
+class Sequence:
+    """Operations as they are put in order, and the state of the part while they are.
+
+    metal_top : highest metal, mm   above_mm : metal over the nominal top since the last facing
+    here : where the tool is   deposited_mm3 : nominal
+    """
+
+    settings: Settings
+    metal_top: float = 0.0
+    above_mm: float = 0.0
+    unfaced: int = 0
+    here: Pose | None = None
+    deposited_mm3: float = 0.0
+    findings: list[str] = field(default_factory=list)
+    operations: dict[int, list[Operation]] = field(default_factory=dict)
+
+    def add(self, operation: Operation, layer: int) -> None:
+        """Link an operation to what comes before it and take it in."""
+        done, self.here = linked(operation, self.here, self.metal_top, self.settings)
+        self.operations.setdefault(layer, []).append(done)
+
+    def deposit(self, layer: LayerRegion, bead: Bead) -> None:
+        """A layer's deposition."""
+        operations, findings = deposit_operations(layer, bead, self.settings)
+        self.findings.extend(findings)
+        self.above_mm += max(bead.height_mm - layer.height_mm, 0.0)
+        self.unfaced += 1
+        self.metal_top = layer.z_top + self.above_mm + max(bead.crest_mm - bead.height_mm, 0.0)
+        for operation in operations:
+            self.add(operation, layer.index)
+        self.deposited_mm3 += grown_region(layer, self.settings).area * bead.height_mm
+
+    def face(self, layer: LayerRegion, metal: MultiPolygon) -> None:
+        """The facing of a layer's top."""
+        operation = face_operation(metal, layer, self.above_mm, self.settings)
+        if operation is not None:
+            self.add(operation, layer.index)
+        self.metal_top, self.above_mm, self.unfaced = layer.z_top, 0.0, 0
+
+    def mill(self, band: Band, below: MultiPolygon, excess_mm: float) -> None:
+        """The milling of a band's walls."""
+        operation, findings = side_operation(band, below, excess_mm, self.settings)
+        self.findings.extend(findings)
+        if operation is not None:
+            self.add(operation, band.last)
+
+
+def build_up(
+    layers: list[LayerRegion],
+    beads: list[Bead],
+    bands: list[Band],
+    settings: Settings,
+    progress: Callable[[float], None],
+) -> Sequence:
+    """The operations of a part that is deposited (and, where there are bands, milled), from the substrate up.
+
+    bands : of all layers, or none for a part that is only deposited.   progress : told the share done.
+    """
+    sequence = Sequence(settings)
+    closing = {band.last: band for band in bands}
+    for layer, bead in zip(layers, beads, strict=True):
+        sequence.deposit(layer, bead)
+        band = closing.get(layer.index)
+        if settings.is_milled:
+            bulge = BULGE * bead.width_mm
+            if band is not None or _is_face_due(sequence, layer, bead, layer.index == len(layers) - 1):
+                sequence.face(layer, outset(grown_region(layer, settings), bulge, 0.01))
+            if band is not None:
+                below = layers[band.first - 1].areas[2] if band.first else MultiPolygon()
+                sequence.mill(band, below, settings.allowance_mm + bulge + _leaning_out(band, layers))
+        progress((layer.index + 1) / len(layers))
+    return sequence
+
+
+def _is_face_due(sequence: Sequence, layer: LayerRegion, bead: Bead, is_last: bool) -> bool:
+    settings = sequence.settings
+    every = settings.recipe.face_every_layers
+    too_high = bead.height_mm > layer.height_mm * (1.0 + settings.overbuild) * (1.0 + _HIGHER)
+    piled = sequence.above_mm >= settings.material.milling.axial_depth_mm
+    return is_last or too_high or piled or (every is not None and sequence.unfaced >= every)
+
+
+def _leaning_out(band: Band, layers: list[LayerRegion]) -> float:
+    """How far the layers of a leaning band stand out beyond its ruled wall, mm: each is as wide as its widest section."""
+    if band.kind != "ruled":
+        return 0.0
+    out = 0.0
+    for layer in layers[band.first : band.last + 1]:
+        narrow = min((area for area in layer.areas if not area.is_empty), key=lambda area: area.area)
+        out = max(out, float(narrow.boundary.hausdorff_distance(layer.region.boundary)))
+    return out
+
+

@@ -1,0 +1,193 @@
+"""process = mill: the part cut out of a block or a given stock, slab by slab from the top."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from planner.errors import MeshError, PlanningError, RecipeError
+from planner.mesh.load import load
+from planner.mesh.mesh import Mesh
+from planner.nurbs.offset import inset, outset
+from planner.nurbs.rings import curves_from_region
+from planner.plan import Operation, Pass, Process
+from planner.process import Settings
+from planner.recipe import Recipe
+from planner.slicing.regions import LayerRegion, united
+from planner.slicing.slicer import slice_mesh
+from planner.toolpath.contour import PATH_TOLERANCE_MM
+from planner.toolpath.face import entry_point
+from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
+from planner.toolpath.order import Sequence
+from planner.toolpath.side import places, unreached, upright_passes
+
+Floats = NDArray[np.float64]
+
+_FINISH_MM = 0.3  # what roughing leaves on the walls for the finishing pass
+_BOX_ALLOWANCE_MM = 1.0  # of the block, where neither a stock nor an allowance is given
+_ENTRY_MM = 1.0  # air between cutter and stock where it comes down beside it
+_LEAST_CUT_MM2 = 0.05  # smaller pieces of stock are crumbs
+
+
+def stock_of(part: Mesh, recipe: Recipe, settings: Settings, build_from_part: Floats) -> Mesh:
+    """The stock in the build frame: the recipe's mesh, or the part's box grown sideways and upwards by the allowance.
+
+    Raises RecipeError if the stock cannot be read or does not hold the part's box.
+    """
+    if recipe.stock is None:
+        grow = recipe.stock_allowance_mm if recipe.stock_allowance_mm is not None else _BOX_ALLOWANCE_MM
+        low, high = part.bounds[0] - [grow, grow, 0.0], part.bounds[1] + grow
+        return box_mesh(low, high)
+    try:
+        stock = load(recipe.stock).transformed(build_from_part)
+    except MeshError as error:
+        raise RecipeError(f"stock: {error.message}", error.hint) from None
+    if (stock.bounds[0] > part.bounds[0] + 1e-6).any() or (stock.bounds[1] < part.bounds[1] - 1e-6).any():
+        raise RecipeError(
+            "stock: the part's box reaches out of the stock's box", "give a stock in the part's own frame that holds it"
+        )
+    return stock
+
+
+def box_mesh(low: Floats, high: Floats) -> Mesh:
+    """A closed box.  low, high : (3,) float, mm, its corners."""
+    corners = np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    return Mesh(corners, np.array([[a, b, c] for a, b, c, d in quads] + [[a, c, d] for a, b, c, d in quads]))
+
+
+def carve(stock: Mesh, regions: list[LayerRegion], settings: Settings, progress: Callable[[float], None]) -> Sequence:
+    """The operations that cut the part out of the stock, layer by layer from the top.
+
+    What stands above a layer shades it: the cutter comes from above only, and undercuts stay (a finding says so).
+    """
+    top = float(stock.bounds[1, 2])
+    sequence = Sequence(settings, metal_top=top)
+    depth = settings.material.milling.axial_depth_mm
+    keep = MultiPolygon()
+    ceiling = top
+    shaded = 0.0
+    for done, region in enumerate(reversed(regions)):
+        wider = united([keep, region.region])
+        shaded += max(wider.area - region.region.area, 0.0) * region.height_mm
+        count = max(1, int(np.ceil((ceiling - region.z_bottom) / depth - 1e-9)))
+        levels = np.linspace(ceiling, region.z_bottom, count + 1)
+        for high, low in pairwise(levels):
+            kept = wider if low < region.z_top - 1e-9 else keep
+            metal = _stock_section(stock, 0.5 * (high + low))
+            for operation in _slab(metal, kept, float(low), region.index, settings):
+                sequence.add(operation, region.index)
+        keep, ceiling = wider, region.z_bottom
+        progress((done + 1) / len(regions))
+    sequence.findings.extend(_findings(shaded, keep, settings))
+    sequence.deposited_mm3 = stock.volume
+    if not sequence.operations:
+        raise PlanningError("the stock is the part already: nothing to mill", "give a larger stock")
+    return sequence
+
+
+def _findings(shaded_mm3: float, keep: MultiPolygon, settings: Settings) -> list[str]:
+    findings = []
+    if shaded_mm3 > 1.0:
+        findings.append(f"{shaded_mm3:.0f} mm³ lie under the part's own overhangs, where the cutter does not come from above")
+    closed = unreached(keep, settings.cutter_radius_mm).closed
+    if closed.geoms:
+        findings.append(f"{len(closed.geoms)} holes or slots at {places(closed)} mm are narrower than the cutter and stay")
+    return findings
+
+
+def _stock_section(stock: Mesh, z: float) -> MultiPolygon:
+    if not stock.bounds[0, 2] < z < stock.bounds[1, 2]:
+        return MultiPolygon()
+    return slice_mesh(stock, [[0.0, 0.0, z, 0.0, 0.0, 1.0]])[0].to_shapely()
+
+
+def _slab(metal: MultiPolygon, keep: MultiPolygon, z: float, layer: int, settings: Settings) -> list[Operation]:
+    """Roughing of one slab down to z, then the finishing pass round what stays."""
+    waste = shapely.difference(metal, keep)
+    if waste.area < _LEAST_CUT_MM2:
+        return []
+    rough = rough_passes(metal, keep, z, settings)
+    finish = upright_passes(keep, z, 0.0, settings) if not keep.is_empty else []
+    return [
+        Operation(
+            process, layer, tuple(passes), settings.cutter_diameter_mm, settings.spindle_rpm, note=note
+        )
+        for process, passes, note in ((Process.MILL_FACE, rough, "roughing"), (Process.MILL_SIDE, finish, "finishing"))
+        if passes
+    ]
+
+
+def rough_passes(metal: MultiPolygon, keep: MultiPolygon, z: float, settings: Settings) -> list[Pass]:
+    """Rings at radial steps round what stays, outside in, as far as they meet the stock.
+
+    metal : the stock's section, mm   keep : what must stand, mm. Without anything to keep: rings inside the stock.
+    """
+    radius, step = settings.cutter_radius_mm, settings.material.milling.radial_depth_mm
+    reach = outset(metal, radius, 0.01)
+    if keep.is_empty:
+        rings, depth = [], 0.0
+        while not (ring := inset(metal, depth, 0.01)).is_empty:
+            rings.append(ring)
+            depth += step
+        return _ring_passes(rings, reach, metal, z, settings)
+    rings = []
+    leave = _FINISH_MM
+    while True:
+        ring = outset(keep, radius + leave, 0.01)
+        if shapely.difference(reach, ring).area < _LEAST_CUT_MM2:
+            break
+        rings.append(ring)
+        leave += step
+    return _ring_passes(rings[::-1], reach, metal, z, settings)
+
+
+def _ring_passes(
+    rings: list[MultiPolygon], reach: MultiPolygon, metal: MultiPolygon, z: float, settings: Settings
+) -> list[Pass]:
+    row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
+    shapely.prepare(reach)
+    passes = []
+    for ring in rings:
+        for outline in curves_from_region(ring, PATH_TOLERANCE_MM):
+            for motion in _pieces_within(lifted(outline.curve.reversed(), z), reach):
+                start = motion.ends()[0]
+                outer = next((p for p in metal.geoms if p.distance(shapely.Point(start[:2])) < 2.0 * settings.cutter_diameter_mm), None)
+                if outer is not None and not outline.is_hole:
+                    entry = np.array([*entry_point(outer, start, settings.cutter_radius_mm + _ENTRY_MM), z])
+                    way = shapely.LineString([entry[:2], start[:2]])
+                    if np.linalg.norm(entry - start) > 1e-3 and way.crosses(ring) is False:
+                        motion = joined([straight([entry, start]), motion])
+                passes.append(process_pass(motion, row))
+    return passes
+
+
+def _pieces_within(loop: Motion, reach: MultiPolygon) -> list[Motion]:
+    """The stretches of a closed motion that lie in a region; the whole loop if all of it does."""
+    u = loop.tip.sample(0.01)
+    points = loop.tip.evaluate(u)
+    inside = shapely.contains_xy(reach, points[:, 0], points[:, 1])
+    if inside.all():
+        return [loop]
+    if not inside.any():
+        return []
+    first = int(np.flatnonzero(~inside)[0])
+    order = (np.arange(len(points) - 1) + first) % (len(points) - 1)
+    found: list[Motion] = []
+    run: list[int] = []
+    for k in [*order, order[0]]:
+        if inside[k]:
+            run.append(int(k))
+        elif run:
+            chain = points[run]
+            run = []
+            if len(chain) >= 2:
+                found.append(straight(chain))
+    return found
+
+
