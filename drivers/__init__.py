@@ -1,5 +1,5 @@
 """The near end of the wires: one plain class per device."""
 
-from drivers.cell_wires import CellDrivers, open_cell, open_cnc
+from drivers.cell_wires import CellDrivers, open_cell, open_cnc, open_devices
 
-__all__ = ["CellDrivers", "open_cell", "open_cnc"]
+__all__ = ["CellDrivers", "open_cell", "open_cnc", "open_devices"]

@@ -2,29 +2,98 @@
 
 from __future__ import annotations
 
+from drivers.errors import DriverError
 from drivers.modbus.device import DeviceClient
+
+SHOWN = ("rate_readback", "carrier_gas_readback", "shield_gas_readback", "hopper_level", "fault_word", "heartbeat_readback")
 
 
 class Feeder:
-    """Thin view of a feeder's registers."""
+    """Thin view of a feeder's registers. Setters take effect at the next cycle (the client's `wake` is set)."""
 
     def __init__(self, client: DeviceClient) -> None:
         self.client = client
 
-    rate_setpoint_g_min: float
-    rate_readback_g_min: float
-    carrier_gas_setpoint_l_min: float
-    carrier_gas_readback_l_min: float
-    shield_gas_setpoint_l_min: float
-    shield_gas_readback_l_min: float
-    hopper_fraction: float
-    age_s: float
-    connected: bool
-    faults: list[str]
+    def set_rate(self, g_min: float) -> None:
+        """Want this powder rate, g/min. Raises RangeError_ beyond the feeder's bounds."""
+        self.client.set("rate_setpoint", g_min)
 
-    def set_rate(self, g_min: float) -> None: ...
-    def set_carrier_gas(self, l_min: float) -> None: ...
-    def set_shield_gas(self, l_min: float) -> None: ...
-    def reset_faults(self) -> None: ...
-    def safe(self) -> None: ...
-    async def cycle(self) -> None: ...
+    def set_carrier_gas(self, l_min: float) -> None:
+        """Want this carrier gas flow, L/min. Raises RangeError_."""
+        self.client.set("carrier_gas_setpoint", l_min)
+
+    def set_shield_gas(self, l_min: float) -> None:
+        """Want this shield gas flow, L/min. Raises RangeError_."""
+        self.client.set("shield_gas_setpoint", l_min)
+
+    def reset_faults(self) -> None:
+        """Ask the feeder to leave its latched faults."""
+        self.client.pulse("fault_reset")
+
+    def safe(self) -> None:
+        """Want powder and gas off; they go first in the next cycle."""
+        self.client.safe()
+
+    async def cycle(self) -> None:
+        """Write, read and compare once; errors are in `last_error`."""
+        await self.client.cycle()
+
+    @property
+    def rate_setpoint_g_min(self) -> float:
+        """Powder rate that is wanted, g/min."""
+        return self.client.desired["rate_setpoint"]
+
+    @property
+    def rate_readback_g_min(self) -> float:
+        """Powder rate that the feeder measures, g/min (NaN: never read)."""
+        return self.client.value("rate_readback")
+
+    @property
+    def carrier_gas_setpoint_l_min(self) -> float:
+        """Carrier gas that is wanted, L/min."""
+        return self.client.desired["carrier_gas_setpoint"]
+
+    @property
+    def carrier_gas_readback_l_min(self) -> float:
+        """Carrier gas that flows, L/min (NaN: never read)."""
+        return self.client.value("carrier_gas_readback")
+
+    @property
+    def shield_gas_setpoint_l_min(self) -> float:
+        """Shield gas that is wanted, L/min."""
+        return self.client.desired["shield_gas_setpoint"]
+
+    @property
+    def shield_gas_readback_l_min(self) -> float:
+        """Shield gas that flows, L/min (NaN: never read)."""
+        return self.client.value("shield_gas_readback")
+
+    @property
+    def hopper_fraction(self) -> float:
+        """How full the hopper is, 0..1 (NaN: never read)."""
+        return self.client.value("hopper_level")
+
+    @property
+    def age_s(self) -> float:
+        """Age of the oldest reading, s (infinite: never read)."""
+        return self.client.oldest(SHOWN)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether one of the readings is older than its limit."""
+        return any(self.client.is_stale(name) for name in SHOWN)
+
+    @property
+    def connected(self) -> bool:
+        """Whether the feeder answers."""
+        return self.client.connected
+
+    @property
+    def last_error(self) -> DriverError | None:
+        """What went wrong in the last cycle."""
+        return self.client.last_error
+
+    @property
+    def faults(self) -> list[str]:
+        """Texts of the feeder's own faults, of wrong values read back and of a heartbeat that is not followed."""
+        return self.client.flags("fault_word") + self.client.faults

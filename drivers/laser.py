@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from drivers.errors import DriverError
 from drivers.modbus.device import DeviceClient
+
+SHOWN = ("power_readback", "emission", "interlock_word", "fault_word", "heartbeat_readback")
 
 
 class Laser:
@@ -11,19 +14,81 @@ class Laser:
     def __init__(self, client: DeviceClient) -> None:
         self.client = client
 
-    power_setpoint_w: float
-    power_readback_w: float
-    is_enabled: bool
-    is_permitted: bool
-    is_emitting: bool
-    age_s: float
-    connected: bool
-    faults: list[str]
-    interlocks: list[str]
+    def enable(self, on: bool) -> None:
+        """Want the power stage on or off; emission needs the permit besides."""
+        self.client.set("enable", float(on))
 
-    def enable(self, on: bool) -> None: ...
-    def permit(self, on: bool) -> None: ...
-    def set_power(self, watts: float) -> None: ...
-    def reset_faults(self) -> None: ...
-    def safe(self) -> None: ...
-    async def cycle(self) -> None: ...
+    def permit(self, on: bool) -> None:
+        """Want emission permitted or not."""
+        self.client.set("emission_permit", float(on))
+
+    def set_power(self, watts: float) -> None:
+        """Want this power, W. Raises RangeError_ beyond the laser's bounds."""
+        self.client.set("power_setpoint", watts)
+
+    def reset_faults(self) -> None:
+        """Ask the laser to leave its latched faults."""
+        self.client.pulse("fault_reset")
+
+    def safe(self) -> None:
+        """Want permit, power and enable off; they go first in the next cycle."""
+        self.client.safe()
+
+    async def cycle(self) -> None:
+        """Write, read and compare once; errors are in `last_error`."""
+        await self.client.cycle()
+
+    @property
+    def power_setpoint_w(self) -> float:
+        """Power that is wanted, W."""
+        return self.client.desired["power_setpoint"]
+
+    @property
+    def power_readback_w(self) -> float:
+        """Power that the laser says it emits, W (NaN: never read)."""
+        return self.client.value("power_readback")
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the power stage is wanted on."""
+        return bool(self.client.desired["enable"])
+
+    @property
+    def is_permitted(self) -> bool:
+        """Whether emission is wanted permitted."""
+        return bool(self.client.desired["emission_permit"])
+
+    @property
+    def is_emitting(self) -> bool:
+        """Whether the laser says that it emits; a stale reading says yes, as the unsafe case."""
+        return self.client.is_stale("emission") or self.client.value("emission") != 0.0
+
+    @property
+    def age_s(self) -> float:
+        """Age of the oldest reading, s (infinite: never read)."""
+        return self.client.oldest(SHOWN)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether one of the readings is older than its limit."""
+        return any(self.client.is_stale(name) for name in SHOWN)
+
+    @property
+    def connected(self) -> bool:
+        """Whether the laser answers."""
+        return self.client.connected
+
+    @property
+    def last_error(self) -> DriverError | None:
+        """What went wrong in the last cycle."""
+        return self.client.last_error
+
+    @property
+    def interlocks(self) -> list[str]:
+        """Texts of the interlocks that are open."""
+        return self.client.flags("interlock_word")
+
+    @property
+    def faults(self) -> list[str]:
+        """Texts of the laser's own faults, of wrong values read back and of a heartbeat that is not followed."""
+        return self.client.flags("fault_word") + self.client.faults
