@@ -115,7 +115,7 @@ def _nearest_piece(goal: Floats, low: Floats, high: Floats) -> tuple[NDArray[np.
     while undecided.size:
         reach, index = tree.query(goal[undecided], k=count)
         reach, index = np.reshape(reach, (-1, count)), owner[np.reshape(index, (-1, count))]
-        along, distance = _feet(goal[undecided][:, None, :], low[index], high[index])
+        along, distance = feet_on_segments(goal[undecided][:, None, :], low[index], high[index])
         best = np.argmin(distance, axis=1)
         rows = np.arange(len(undecided))
         piece[undecided], share[undecided] = index[rows, best], along[rows, best]
@@ -126,8 +126,11 @@ def _nearest_piece(goal: Floats, low: Floats, high: Floats) -> tuple[NDArray[np.
     return piece, share
 
 
-def _feet(points: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Where on each piece (0 ... 1) the point nearest to `points` lies, and how far away it is."""
+def feet_on_segments(points: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Where on each segment low-high (0 ... 1) the point nearest to `points` lies, and its distance: (...) float each.
+
+    points, low, high : (..., d) float, mm, broadcast against each other.
+    """
     chord = high - low
     length2 = np.maximum((chord**2).sum(axis=-1), 1e-300)
     along = np.clip(((points - low) * chord).sum(axis=-1) / length2, 0.0, 1.0)

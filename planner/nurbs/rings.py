@@ -14,6 +14,7 @@ from planner.errors import FitError
 from planner.nurbs.corners import turning_angles
 from planner.nurbs.curve import Curve
 from planner.nurbs.fit import interpolate_many
+from planner.nurbs.measure import feet_on_segments
 from planner.nurbs.offset import CHORD_ERROR_MM, Region
 from planner.nurbs.sampling import divide_evenly
 
@@ -24,8 +25,10 @@ _CORNER_RAD = np.radians(25.0)  # arcs of offsets turn by 10 degrees at most fro
 _FINE = 2.0  # times the chord error: what a vertex of a sampled smooth curve may bulge
 _TURN_PER_PIECE = 0.4  # rad: one cubic piece per 23 degrees stays within 1e-4 of the radius
 _REFINEMENTS = 10
+_SAME_MM = 1e-7  # vertices that the cutting of polygons left closer than this are one
 _HERMITE = 2.6e-3  # error of a cubic piece of length h on a circle: 2.6e-3 h⁴ / R³ (measured: R 23, 100 pieces)
 _LEAST_PIECES = 6  # of a closed curve: fewer turn by more than equal speed can follow
+_BESIDE = 3  # sides before and after that are looked at: equal speed keeps curve and polyline in step that closely
 _PROBES = 8  # per piece, where it is measured against the polyline
 
 
@@ -80,7 +83,8 @@ def curves_from_region(region: Region, tolerance_mm: float = 1e-3) -> list[Ring]
     """The region's rings as NURBS curves within the tolerance of them, each outline followed by its holes.
 
     Corners stay corners, straight sides straight; smooth stretches are fitted through as few of their own points as
-    the tolerance allows. Raises ValueError if the tolerance is not positive.
+    the tolerance allows. A tolerance below the rings' own chord error holds at their vertices only.
+    Raises ValueError if the tolerance is not positive.
     """
     if not tolerance_mm > 0.0:
         raise ValueError(f"the tolerance must be positive, not {tolerance_mm:g} mm")
@@ -131,7 +135,7 @@ class _Loop:
     """A dense closed polyline and the few of its vertices that the curve goes through."""
 
     def __init__(self, loop: Floats, tolerance_mm: float) -> None:
-        path = loop[np.any(loop != np.roll(loop, 1, axis=0), axis=1)]
+        path = loop[np.linalg.norm(loop - np.roll(loop, 1, axis=0), axis=1) > _SAME_MM]
         turn = turning_angles(path, closed=True)
         start = int(np.argmax(turn))
         self._path, turn = np.roll(path, -start, axis=0), np.roll(turn, -start)
@@ -143,8 +147,6 @@ class _Loop:
         is_straight = length * np.maximum(turn, np.roll(turn, -1)) / 8.0 > fine
         self._tangents = _circle_tangents(sides / length[:, None], length, is_straight)
         self._at = np.concatenate([[0.0], np.cumsum(length)])
-        self._line = shapely.LineString(np.vstack([self._path, self._path[:1]]))
-        shapely.prepare(self._line)
         self._is_chosen = self._first_choice(turn, length, is_straight)
 
     def _first_choice(self, turn: Floats, length: Floats, is_straight: Mask) -> Mask:
@@ -181,18 +183,27 @@ class _Loop:
         A piece without another vertex becomes straight: both its ends are corners then.
         """
         edges = curve.breaks
-        samples = divide_evenly(edges, np.full(len(edges) - 1, _PROBES, dtype=np.intp))[:-1]
-        away = shapely.distance(self._line, shapely.points(curve.evaluate(samples))).reshape(-1, _PROBES).max(axis=1)
         chosen = np.flatnonzero(self._is_chosen)
-        if len(away) != len(chosen):
+        if len(edges) != len(chosen) + 1:
             raise FitError("a ring repeats a point within 1e-9 mm", "use a coarser chord error")
-        bad = np.flatnonzero(np.maximum(away, self._skipped(curve, chosen)) > self._tolerance)
+        worst = np.maximum(self._strayed(curve, chosen), self._skipped(curve, chosen))
+        bad = np.flatnonzero(worst > self._tolerance)
         low, high = chosen[bad], np.append(chosen[1:], len(self._path))[bad]
         middle = np.searchsorted(self._at, 0.5 * (self._at[low] + self._at[high]))
         self._is_chosen[np.clip(middle, low + 1, high - 1)[high - low > 1]] = True
         bare = high - low == 1
         self._is_corner[np.concatenate([low[bare], high[bare] % len(self._path)])] = True
         return bool(bad.size)
+
+    def _strayed(self, curve: Curve, chosen: NDArray[np.intp]) -> Floats:
+        """Per piece, the largest distance of its probes from the sides of the polyline about as far along."""
+        count = len(self._path)
+        u = divide_evenly(curve.breaks, np.full(len(chosen), _PROBES, dtype=np.intp))[:-1]
+        at = divide_evenly(np.append(self._at[chosen], self._at[-1]), np.full(len(chosen), _PROBES, dtype=np.intp))[:-1]
+        sides = np.searchsorted(self._at, at, side="right")[:, None] - 1 + np.arange(-_BESIDE, _BESIDE + 1)
+        low, high = self._path[sides % count], self._path[(sides + 1) % count]
+        _, distance = feet_on_segments(curve.evaluate(u)[:, None, :], low, high)
+        return np.asarray(distance.min(axis=1).reshape(-1, _PROBES).max(axis=1))
 
     def _skipped(self, curve: Curve, chosen: NDArray[np.intp]) -> Floats:
         """Per piece, the largest distance from the curve of the vertices that it passes by."""

@@ -14,7 +14,9 @@ from planner.nurbs.basis import basis_derivatives, basis_functions, find_spans
 from planner.nurbs.construct import join
 from planner.nurbs.curve import Curve
 from planner.nurbs.fit import interpolate
+from planner.nurbs.measure import deviation
 from planner.nurbs.offset import inset, outset
+from planner.nurbs.rings import curves_from_region
 
 Floats = NDArray[np.float64]
 RUNS = settings(max_examples=60, deadline=None)
@@ -170,3 +172,20 @@ def test_offset_of_any_simple_contour_lies_at_the_distance_and_on_the_right_side
         signed = np.where(shapely.covers(region, probes), -1.0, 1.0) * shapely.distance(region.boundary, probes)
         decided = np.abs(signed - sign * away) > 2e-3
         np.testing.assert_array_equal(shapely.covers(moved, probes)[decided], (signed < sign * away)[decided])
+
+
+@settings(max_examples=40, deadline=None)
+@given(star_contours(least=5), st.floats(0.05, 6.0), st.sampled_from([1e-2, 2e-3, 1e-3]))
+def test_curves_of_any_region_stay_within_the_tolerance_of_its_rings(
+    points: Floats, away: float, tolerance_mm: float
+) -> None:
+    for region in (inset(shapely.Polygon(points), away), outset(shapely.Polygon(points), away)):
+        outlines = [line for part in region.geoms for line in (part.exterior, *part.interiors)]
+        rings = curves_from_region(region, tolerance_mm)
+        assert [ring.is_hole for ring in rings] == [i > 0 for p in region.geoms for i in range(1 + len(p.interiors))]
+        for ring, outline in zip(rings, outlines, strict=True):
+            path = shapely.get_coordinates(outline)[:-1]
+            assert deviation(ring.curve, path, closed=True) <= 1.1 * tolerance_mm
+            middle = ring.curve.evaluate(ring.curve.sample(1e-3))
+            sense = np.sum(middle[:-1, 0] * middle[1:, 1] - middle[1:, 0] * middle[:-1, 1])
+            assert (sense < 0.0) == ring.is_hole
