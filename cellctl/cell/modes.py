@@ -56,6 +56,7 @@ class Modes:
                 lambda: io.head_deployed and not io.head_parked,
                 HEAD_TIMEOUT_S,
                 act=self._once(lambda: self._hand.lock("the head is moving"), io.deploy_head),
+                age_s=lambda: io.age_s,
                 detail=lambda: f"deployed={io.head_deployed}, parked={io.head_parked}",
                 remedy="look at the head's slide and its end switches, then reset",
             ),
@@ -64,6 +65,7 @@ class Modes:
                 ready,
                 LASER_TIMEOUT_S,
                 act=lambda: laser.enable(True),
+                age_s=lambda: laser.age_s,
                 detail=lambda: "; ".join([*laser.faults, *laser.interlocks]) or "not ready",
                 remedy="look at the laser's panel, then reset",
             ),
@@ -76,10 +78,12 @@ class Modes:
         steps = [
             Step(
                 f"switching the laser off for {purpose}",
-                lambda: not laser.is_emitting and laser.power_readback_w < limits.emission_off_w and not laser.is_enabled,
+                lambda: (
+                    not laser.is_emitting and laser.power_readback_w < limits.emission_off_w and not laser.is_enabled
+                ),
                 LASER_TIMEOUT_S,
                 act=self._once(lambda: self._hand.lock(f"laser locked out for {purpose}"), lambda: laser.enable(False)),
-                must_last_s=0.05,
+                age_s=lambda: laser.age_s,
                 code="laser_emitting",
                 detail=lambda: f"{laser.power_readback_w:.0f} W read back",
             ),
@@ -88,6 +92,7 @@ class Modes:
                 lambda: feeder.rate_readback_g_min <= NO_POWDER_G_MIN,
                 limits.powder_settle_timeout_s,
                 act=lambda: feeder.set_rate(0.0),
+                age_s=lambda: feeder.age_s,
                 detail=lambda: f"{feeder.rate_readback_g_min:.1f} g/min read back",
                 remedy="look at the feeder, then reset",
             ),
@@ -108,6 +113,7 @@ class Modes:
                 lambda: io.head_parked and not io.head_deployed,
                 HEAD_TIMEOUT_S,
                 act=self._once(io.park_head, lambda: feeder.set_carrier_gas(0.0), lambda: feeder.set_shield_gas(0.0)),
+                age_s=lambda: io.age_s,
                 detail=lambda: f"deployed={io.head_deployed}, parked={io.head_parked}",
                 remedy="look at the head's slide and its end switches, then reset",
             )
@@ -123,9 +129,12 @@ class Modes:
             lambda: abs(feeder.rate_readback_g_min - g_min) <= band,
             limits.powder_settle_timeout_s,
             act=lambda: feeder.set_rate(g_min),
+            age_s=lambda: feeder.age_s,
             must_last_s=0.1,
             code="powder_flow",
-            detail=lambda: f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s",
+            detail=lambda: (
+                f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s"
+            ),
         )
 
     def gas(self, carrier: bool, l_min: float) -> Step:
@@ -138,6 +147,7 @@ class Modes:
             lambda: abs(read() - l_min) <= max(GAS_TOLERANCE * l_min, 0.3),
             GAS_TIMEOUT_S,
             act=lambda: feeder.set_carrier_gas(l_min) if carrier else feeder.set_shield_gas(l_min),
+            age_s=lambda: feeder.age_s,
             detail=lambda: f"{read():.1f} L/min read back",
             remedy="look at the gas supply, then reset",
         )

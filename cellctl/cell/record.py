@@ -36,7 +36,7 @@ SAMPLE = (
     " powder_setpoint_g_min, powder_readback_g_min, tip_x, tip_y, tip_z) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)"
 )
 RUN = (
-    "INSERT OR REPLACE INTO cell_runs (job, name, program, program_sha256, started_at, ended_at, outcome, last_line, total_lines, who,"
+    "INSERT INTO cell_runs (job, name, program, program_sha256, started_at, ended_at, outcome, last_line, total_lines, who,"
     " command_id) VALUES (?,?,?,?,?,NULL,'',0,?,?,?)"
 )
 PROGRESS = "UPDATE cell_runs SET last_line = ? WHERE job = ?"
@@ -91,11 +91,12 @@ class UnfinishedRun:
 class Found:
     """What the store held when it was opened.
 
-    replies : per command id the reply that it got; alarms : latched and not reset since, as (code, detail, remedy)
+    jobs : all that were ever started; replies : per command id the reply that it got; alarms : latched and not reset since, as (code, detail, remedy)
     """
 
     unfinished: list[UnfinishedRun] = field(default_factory=list)
     replies: dict[str, dict[str, Any]] = field(default_factory=dict)
+    jobs: set[str] = field(default_factory=set)
     alarms: list[tuple[str, str, str]] = field(default_factory=list)
 
 
@@ -131,21 +132,30 @@ class Journal:
             self._db.execute("PRAGMA synchronous=FULL")
             self._db.executescript(TABLES)
         except sqlite3.Error as error:
-            raise StoreError(f"{path}: the store cannot be opened: {error}", "name a file in a directory that can be written") from None
+            raise StoreError(
+                f"{path}: the store cannot be opened: {error}", "name a file in a directory that can be written"
+            ) from None
 
     def find(self) -> Found:
         """What an earlier process left: unfinished runs, answered commands, latched alarms."""
         found = Found()
-        rows = self._db.execute("SELECT job, name, last_line, total_lines FROM cell_runs WHERE ended_at IS NULL ORDER BY started_at")
+        rows = self._db.execute(
+            "SELECT job, name, last_line, total_lines FROM cell_runs WHERE ended_at IS NULL ORDER BY started_at"
+        )
         found.unfinished = [UnfinishedRun(*row) for row in rows]
-        rows = self._db.execute("SELECT data FROM events WHERE kind = 'command' ORDER BY seq DESC LIMIT ?", (KEPT_COMMANDS,))
+        found.jobs = {job for (job,) in self._db.execute("SELECT job FROM cell_runs")}
+        rows = self._db.execute(
+            "SELECT data FROM events WHERE kind = 'command' ORDER BY seq DESC LIMIT ?", (KEPT_COMMANDS,)
+        )
         for (data,) in reversed(rows.fetchall()):
             entry = json.loads(data)
             found.replies.setdefault(entry["id"], entry["reply"])
         rows = self._db.execute(
             "SELECT data FROM events WHERE kind = 'alarm' AND seq > (SELECT coalesce(max(seq), 0) FROM events WHERE kind = 'reset') ORDER BY seq"
         )
-        found.alarms = [(entry["code"], entry["detail"], entry["remedy"]) for entry in map(json.loads, (row[0] for row in rows))]
+        found.alarms = [
+            (entry["code"], entry["detail"], entry["remedy"]) for entry in map(json.loads, (row[0] for row in rows))
+        ]
         return found
 
     def start(self) -> None:
@@ -192,10 +202,16 @@ class Journal:
         try:
             events = self._transact(batch)
         except sqlite3.Error as error:
-            refusal = StoreError(f"{self.path}: the journal cannot be written: {error}", "make room on the disk or free the store, then reset")
+            refusal = StoreError(
+                f"{self.path}: the journal cannot be written: {error}",
+                "make room on the disk or free the store, then reset",
+            )
             with self._lock:
                 self._pending.statements[:0] = batch.statements
-                self._pending.events = [*batch.events, *((k + len(batch.statements), e) for k, e in self._pending.events)]
+                self._pending.events = [
+                    *batch.events,
+                    *((k + len(batch.statements), e) for k, e in self._pending.events),
+                ]
             _answer(batch, refusal)
             raise refusal from None
         self.commits += 1
@@ -212,7 +228,9 @@ class Journal:
                 cursor = self._db.execute(statement, row)
                 if position in names:
                     event = names[position]
-                    events.append(Event(int(cursor.lastrowid or 0), event.at, event.kind, event.text, event.job, event.data))
+                    events.append(
+                        Event(int(cursor.lastrowid or 0), event.at, event.kind, event.text, event.job, event.data)
+                    )
             self._db.execute("COMMIT")
         except sqlite3.Error:
             if self._db.in_transaction:
@@ -222,7 +240,9 @@ class Journal:
 
     def events_since(self, seq: int, limit: int = 1000) -> list[Event]:
         """Events after seq, oldest first, as they are on the disk."""
-        rows = self._db.execute("SELECT seq, at, kind, text, job, data FROM events WHERE seq > ? ORDER BY seq LIMIT ?", (seq, limit))
+        rows = self._db.execute(
+            "SELECT seq, at, kind, text, job, data FROM events WHERE seq > ? ORDER BY seq LIMIT ?", (seq, limit)
+        )
         return [Event(row[0], row[1], row[2], row[3], row[4], json.loads(row[5])) for row in rows]
 
     def _run(self) -> None:
@@ -252,6 +272,8 @@ def _answer(batch: _Pending, error: Exception | None) -> None:
         settle(error)
 
 
-def _threadsafe(loop: asyncio.AbstractEventLoop, settle: Callable[[Exception | None], None], error: Exception | None) -> None:
+def _threadsafe(
+    loop: asyncio.AbstractEventLoop, settle: Callable[[Exception | None], None], error: Exception | None
+) -> None:
     if not loop.is_closed():
         loop.call_soon_threadsafe(settle, error)

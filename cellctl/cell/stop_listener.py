@@ -11,7 +11,16 @@ HEAD_LIMIT = 8192  # bytes of request line and headers
 BODY_LIMIT = 4096
 READ_TIMEOUT_S = 5.0
 CONNECTIONS_MAX = 64
-REASONS = {200: "OK", 204: "No Content", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed", 413: "Content Too Large", 431: "Request Header Fields Too Large", 503: "Service Unavailable"}  # fmt: skip
+REASONS = {
+    200: "OK",
+    204: "No Content",
+    400: "Bad Request",
+    404: "Not Found",
+    405: "Method Not Allowed",
+    413: "Content Too Large",
+    431: "Request Header Fields Too Large",
+    503: "Service Unavailable",
+}
 
 Stop = Callable[[str, str, str], Awaitable[str]]
 
@@ -119,12 +128,25 @@ class StopListener:
 
     async def _send(self, writer: asyncio.StreamWriter, status: int, answer: dict[str, str], origin: str) -> None:
         body = json.dumps(answer).encode() if status != 204 else b""
-        lines = [f"HTTP/1.1 {status} {REASONS[status]}", "Connection: close", f"Content-Length: {len(body)}", "Cache-Control: no-store"]
+        lines = [
+            f"HTTP/1.1 {status} {REASONS[status]}",
+            "Connection: close",
+            f"Content-Length: {len(body)}",
+            "Cache-Control: no-store",
+        ]
         if body:
             lines.append("Content-Type: application/json")
         if origin:
-            lines += [f"Access-Control-Allow-Origin: {origin}", "Vary: Origin", "Access-Control-Allow-Methods: POST, GET"]
-            lines += ["Access-Control-Allow-Headers: content-type", "Access-Control-Max-Age: 600", "Access-Control-Allow-Private-Network: true"]
+            lines += [
+                f"Access-Control-Allow-Origin: {origin}",
+                "Vary: Origin",
+                "Access-Control-Allow-Methods: POST, GET",
+            ]
+            lines += [
+                "Access-Control-Allow-Headers: content-type",
+                "Access-Control-Max-Age: 600",
+                "Access-Control-Allow-Private-Network: true",
+            ]
         try:
             writer.write(("\r\n".join(lines) + "\r\n\r\n").encode() + body)
             await writer.drain()

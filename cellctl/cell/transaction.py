@@ -21,6 +21,7 @@ class Step:
     text : what the operator reads while it lasts
     is_done : verified by read-back; act : commands the end state, once, when the step begins
     timeout_s : wire time after which the step has failed; must_last_s : is_done has to hold that long without a break
+    age_s : age of what is_done reads; a reading from before the command proves nothing
     code : cause in the reaction table when it fails; detail and remedy fill its sentences
     """
 
@@ -29,6 +30,7 @@ class Step:
     timeout_s: float
     act: Callable[[], None] = _nothing
     must_last_s: float = 0.0
+    age_s: Callable[[], float] | None = None
     code: str = "step_failed"
     detail: Callable[[], str] = _no_detail
     remedy: str = ""
@@ -72,9 +74,8 @@ class Transaction:
                 self._began_at = now
                 self._true_since = None
                 step.act()
-                if step.act is not _nothing:
-                    return False  # a read-back from before the command proves nothing
-            if not step.is_done():
+            is_fresh = step.age_s is None or step.age_s() < now - self._began_at
+            if not is_fresh or not step.is_done():
                 self._true_since = None
             elif self._true_since is None:
                 self._true_since = now

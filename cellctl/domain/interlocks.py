@@ -80,7 +80,7 @@ def permissives(levels: Levels) -> list[Permissive]:
     laser = _words(levels.laser_words) or ("" if levels.laser_enabled else "is not enabled")
     feeder = _words(levels.feeder_words)
     dead = [name for name, signal in levels.heartbeats.items() if not signal.is_fresh]
-    if levels.cnc_age_s >= levels.cnc_stale_s:
+    if not levels.cnc_age_s < levels.cnc_stale_s:
         cnc = f"status is {levels.cnc_age_s:.2f} s old"
     else:
         cnc = "" if levels.cnc_state == "Run" else f"CNC is {levels.cnc_state or 'unknown'}"

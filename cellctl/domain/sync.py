@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-RATE_BOUNDS = (0.0, 1000.0)  # program seconds per wire second; above 1 only where a simulated cell runs faster than life
+RATE_BOUNDS = (
+    0.0,
+    1000.0,
+)  # program seconds per wire second; above 1 only where a simulated cell runs faster than life
 STANDSTILL = 1e-3  # mm or deg: a joint that moved less between two reports did not move (firmware prints 3 decimals)
 
 
@@ -154,8 +157,8 @@ class MotionJudge:
     """Whether the tip moves, from reports and, between them, from what was sent: robust to the coarse rhythm of status reports.
 
     Measured: the last report says Run, feed above 0, and the position differs from the report before. A standstill in a report is
-    believed at once. Expected: lines were just released while the gate is shut by the Program's own words; for `grace_s` motion is
-    taken for granted so that the permit is there when the pass begins; a report that contradicts it ends it.
+    believed at once. Expected: lines were just released, or a dwell is about to end, while the gate is shut by the Program's own words
+    (so nothing can be emitted at standstill); for `grace_s` motion is taken for granted so that the permit is there when the pass begins.
     """
 
     def __init__(self, moving_mm_s: float, grace_s: float) -> None:
@@ -182,7 +185,7 @@ class MotionJudge:
             return
         emitting = bool(follower.timeline.is_emitting[last.line]) if last.line < len(follower.timeline) else False
         is_fast = follower.speed_mm_s >= self.moving_mm_s if emitting else follower.is_joint_moving
-        self.is_measured = last.is_run and last.feed > 0.0 and (is_fast or follower.is_joint_moving and not emitting)
+        self.is_measured = last.is_run and last.feed > 0.0 and is_fast
         if self.is_measured:
             self.why = ""
         elif not last.is_run:

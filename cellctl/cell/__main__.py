@@ -1,0 +1,175 @@
+"""`python -m cellctl.cell --cell FILE --run DIR --store FILE [--stop-port N]`: the cell process."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import gc
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import structlog
+
+from cellctl.cell.commands import Commands
+from cellctl.cell.connect import CellWires, Connection
+from cellctl.cell.controller import Controller, Times
+from cellctl.cell.ipc import IpcServer
+from cellctl.cell.program_reader import read_off_loop
+from cellctl.cell.record import Journal, StoreError
+from cellctl.cell.stop_listener import StopListener
+from cellctl.cell.tick import Beat, Ticker, be_urgent
+from cellctl.cell.view import snapshot
+from cellctl.domain.messages import Command
+from config.base import ConfigError
+from config.cell import Cell, load_cell
+from drivers.clock import SystemClock
+from drivers.cnc.driver import CncDriver
+
+SNAPSHOT_S = 0.1
+log = structlog.get_logger()
+
+
+class CellProcess:
+    """Joins controller, wires, socket, stop listener and timer in one event loop."""
+
+    def __init__(self, cell: Cell, run_dir: Path, store: Path) -> None:
+        self.cell = cell
+        self._run_dir = run_dir
+        self._clock = SystemClock()
+        self._journal = Journal(store)
+        self.controller = Controller(cell, Times(self._clock, time.time), self._journal)
+        self.commands = Commands(self.controller, read_off_loop)
+        self._beat = Beat(cell.limits.tick_s)
+        self._ipc = IpcServer(self.commands.handle, cell.name)
+        self._stop_listener = StopListener(self._stop, lambda: self.controller.state.value, cell.service.host)
+        self._connection = Connection(self.controller, CellWires(cell, run_dir, self._clock), self._watch_cnc)
+        self._watched: int | None = None
+        self._due: asyncio.TimerHandle | None = None
+        self._seq = 0
+        self._published_at = 0.0
+        self.ended = asyncio.Event()
+
+    async def run(self, stop_port: int) -> None:
+        """Serve until `ended` is set. Raises OSError when a socket or port cannot be had."""
+        loop = asyncio.get_running_loop()
+        self._journal.on_committed = lambda events: _on_loop(loop, lambda: self._ipc.broadcast(events))
+        self._journal.on_failure = lambda line: _on_loop(loop, lambda: self.controller.fault("store", line))
+        self._journal.start()
+        self._beat.scheduler = be_urgent()
+        log.info("scheduler", scheduler=self._beat.scheduler, tick_s=self.cell.limits.tick_s)
+        try:
+            await self._ipc.start(self._run_dir / "cell.sock")
+            port = await self._stop_listener.start(stop_port)
+            (self._run_dir / "stop_port").write_text(str(port), encoding="ascii")
+            ticker = Ticker(self._beat, self._clock.now, self._tick)
+            self._connection.start()
+            self.controller.event(
+                "process", f"cell process {os.getpid()} started, {self._beat.scheduler}", {"pid": os.getpid()}
+            )
+            log.info("ready", socket=str(self._run_dir / "cell.sock"), stop_port=port)
+            gc.collect()
+            gc.freeze()
+            await self.ended.wait()
+            ticker.close()
+        finally:
+            await self._close()
+
+    async def _close(self) -> None:
+        """Everything off, then everything closed."""
+        if self.controller.run is not None:
+            self.commands.stop_now("the cell process was told to end")
+            await asyncio.sleep(5 * self.cell.limits.tick_s)
+        await self.commands.close()
+        await self._connection.close()
+        await self._stop_listener.close()
+        await self._ipc.close()
+        self._journal.close()
+
+    def _tick(self) -> None:
+        try:
+            self.controller.tick()
+        except Exception as error:
+            log.exception("tick failed")
+            self.controller.fault("internal", f"{type(error).__name__}: {error}")
+        self._pace()
+        now = self._clock.now()
+        if now - self._published_at >= SNAPSHOT_S - 0.5 * self.cell.limits.tick_s:
+            self._published_at = now
+            self._seq += 1
+            self._ipc.publish(snapshot(self.controller, self._seq, self._beat))
+
+    def _watch_cnc(self, cnc: CncDriver | None) -> None:
+        """Read the CNC's port as soon as bytes come in."""
+        loop = asyncio.get_running_loop()
+        if self._watched is not None:
+            loop.remove_reader(self._watched)
+            self._watched = None
+        descriptor = cnc.fileno() if cnc is not None else None
+        if descriptor is not None:
+            loop.add_reader(descriptor, self._pump)
+            self._watched = descriptor
+
+    def _pump(self) -> None:
+        self.controller.pump()
+        if not self.controller.is_cnc_alive:
+            self._watch_cnc(None)
+        self._pace()
+
+    def _pace(self) -> None:
+        """Write on when the wire has room again, between two ticks."""
+        if self._due is not None:
+            self._due.cancel()
+            self._due = None
+        drivers = self.controller.drivers
+        if drivers is not None and self.controller.is_cnc_alive:
+            due = drivers.cnc.due_in_s()
+            if due < self.cell.limits.tick_s:
+                self._due = asyncio.get_running_loop().call_later(max(due, 0.0005), self._pump)
+
+    async def _stop(self, ident: str, who: str, because: str) -> str:
+        self.commands.stop_now(because)
+        await self.commands.handle(Command(ident or f"stop-{time.time_ns()}", "stop", who, because))
+        return self.controller.state.value
+
+
+def _on_loop(loop: asyncio.AbstractEventLoop, call: object) -> None:
+    with contextlib.suppress(RuntimeError):  # the loop has closed: nobody listens any more
+        loop.call_soon_threadsafe(call)  # type: ignore[arg-type]
+
+
+async def _main(cell: Cell, run_dir: Path, store: Path, stop_port: int | None) -> None:
+    process = CellProcess(cell, run_dir, store)
+    loop = asyncio.get_running_loop()
+    for sign in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(sign, process.ended.set)
+    await process.run(cell.service.stop_port if stop_port is None else stop_port)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the cell process; 2 for bad input, with one line and a hint on stderr."""
+    parser = argparse.ArgumentParser(prog="python -m cellctl.cell", description=__doc__)
+    parser.add_argument("--cell", required=True, help="cell file, or the name of a shipped one")
+    parser.add_argument("--run", required=True, type=Path, help="run directory: sockets, and ports with relative paths")
+    parser.add_argument("--store", required=True, type=Path, help="store file (SQLite)")
+    parser.add_argument("--stop-port", type=int, default=None, help="port of the stop listener; 0: any free one")
+    given = parser.parse_args(arguments)
+    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+    try:
+        given.run.mkdir(parents=True, exist_ok=True)
+        given.store.parent.mkdir(parents=True, exist_ok=True)
+        asyncio.run(_main(load_cell(given.cell), given.run, given.store, given.stop_port))
+    except (ConfigError, StoreError) as error:
+        print(f"{error.message}\n  {error.hint}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"cell process: {error}\n  is another cell process running here?", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

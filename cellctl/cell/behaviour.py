@@ -1,0 +1,187 @@
+"""What each state does at every tick: one function per state, one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from cellctl.cell.modes import SAFE
+from cellctl.cell.transaction import Step, Transaction
+from cellctl.domain.states import State, Trigger
+from drivers.cell_wires import CellDrivers
+
+if TYPE_CHECKING:
+    from cellctl.cell.controller import Controller
+
+S, T = State, Trigger
+MOTION_TIMEOUT_S = 5.0  # from `~` to the first report of motion
+
+
+def _connected(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    """At rest: the wires have to stay there, and the machine unlocked."""
+    missing = what_is_missing(cell, drivers)
+    status = drivers.cnc.status
+    if missing:
+        cell.offline_line = missing
+        cell.go(T.CONNECTION_LOST, missing)
+    elif cell.state is S.IDLE and status is not None and status.state == "Alarm":
+        cell.go(T.LOCKED, "the CNC has locked itself")
+
+
+def what_is_missing(cell: Controller, drivers: CellDrivers) -> str:
+    """One line about the first wire or device that does not answer; empty when all is there."""
+    if not cell.is_cnc_alive:
+        return cell.offline_line or "the CNC does not answer"
+    for name, device, register in (
+        ("laser", drivers.laser, "fault_word"),
+        ("feeder", drivers.feeder, "fault_word"),
+        ("I/O coupler", drivers.io, "door_closed"),
+    ):
+        if device.client.is_stale(register):
+            error = device.client.last_error
+            return error.message if error is not None else f"the {name} does not answer"
+    return ""
+
+
+def _offline(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    missing = what_is_missing(cell, drivers)
+    status = drivers.cnc.status
+    if missing:
+        cell.offline_line = missing
+    elif status is not None:
+        cell.offline_line = ""
+        is_locked = status.state == "Alarm"
+        cell.go(T.CONNECTED_LOCKED if is_locked else T.CONNECTED, "all devices answer")
+
+
+def _jogging(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    status = drivers.cnc.status
+    if cell.jog_sent_at is not None and status is not None and status.is_idle and status.at > cell.jog_sent_at:
+        cell.go(T.JOGGED, "the jog has ended")
+
+
+def _preparing(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    run = cell.run
+    assert run is not None
+    if run.transaction is None:
+        run.begin_barrier()
+    assert run.transaction is not None
+    if run.transaction.advance(now):
+        run.pass_barrier(now)
+        cell.go(T.PREPARED, "everything for the next lines is set and verified")
+
+
+def _running(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    run = cell.run
+    assert run is not None
+    run.follow(now)
+    status = drivers.cnc.status
+    if status is not None and status.state in ("Hold", "Door"):
+        cell.quiesce.begin(now, reset=False)
+        cell.go(T.HELD_AT_MACHINE, f"feed hold at the machine ({status.state})")
+    elif run.is_finished:
+        cell.hand.lock("the job is done")
+        cell.end_run("completed")
+        drivers.cnc.unload()
+        drivers.laser.safe()
+        drivers.feeder.safe()
+        cell.go(T.COMPLETED, "every line is executed")
+    elif run.is_at_barrier:
+        run.begin_barrier()
+        cell.go(T.BARRIER_REACHED, f"line {run.executed + 1} waits until the cell is prepared")
+
+
+def _holding(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    cell.quiesce.advance(now)
+    if cell.run is not None:
+        cell.run.judge.standstill("the job is held")
+    if cell.quiesce.is_still:
+        drivers.feeder.set_rate(0.0)
+        cell.go(T.STOOD_STILL, cell.because)
+
+
+def _resuming(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    run = cell.run
+    assert run is not None
+    if run.is_at_barrier:
+        run.begin_barrier()
+        cell.go(T.BARRIER_REACHED, "the cell is prepared again")
+        return
+    if cell.transaction is None:
+        cell.transaction = Transaction([*run.restore(), _motion_again(drivers, now)])
+    if cell.transaction.advance(now):
+        cell.go(T.MOVED, "the job goes on")
+
+
+def _motion_again(drivers: CellDrivers, now: float) -> Step:
+    said_at = [now]
+
+    def resume() -> None:
+        drivers.cnc.resume()
+        drivers.cnc.query_status()
+
+    def goes_on() -> bool:
+        status = drivers.cnc.status
+        return status is not None and status.at > said_at[0] and (status.state == "Run" or drivers.cnc.is_drained)
+
+    return Step("waiting for motion", goes_on, MOTION_TIMEOUT_S, act=resume, remedy="look at the CNC, then reset")
+
+
+def _aborting(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    cell.quiesce.advance(now)
+    if not cell.quiesce.is_clear:
+        return
+    if cell.transaction is None:
+        cell.end_run("aborted")
+        drivers.cnc.unload()
+        cell.transaction = Transaction(cell.modes.steps(SAFE, None, {}))
+    if cell.transaction.advance(now):
+        cell.go(T.ABORTED, cell.because)
+
+
+def _latched(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    quiesce = cell.quiesce
+    if cell.is_cnc_alive:
+        quiesce.advance(now)
+    if quiesce.outcome and (quiesce.is_reset or not cell.is_cnc_alive):
+        cell.end_run(quiesce.outcome)
+    if quiesce.is_clear and cell.run is None:
+        drivers.cnc.unload()
+
+
+def _resetting(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    if cell.transaction is None or not cell.transaction.advance(now):
+        return
+    cell.alarms.clear()
+    cell.details.clear()
+    status = drivers.cnc.status
+    if not cell.is_cnc_alive or status is None:
+        cell.go(T.RESET_OFFLINE, "reset; the CNC is not there")
+    elif cell.run is not None:
+        cell.go(T.RESET_HELD, "reset; the job is held")
+    elif status.state == "Alarm":
+        cell.go(T.RESET_LOCKED, "reset; the machine has to be homed or unlocked")
+    else:
+        cell.go(T.RESET_DONE, "reset")
+
+
+def _rest(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    """Nothing to do at this tick."""
+
+
+STEPS: dict[State, Callable[[Controller, CellDrivers, float], None]] = {
+    S.OFFLINE: _offline,
+    S.UNHOMED: _connected,
+    S.IDLE: _connected,
+    S.HOMING: _rest,
+    S.JOGGING: _jogging,
+    S.PREPARING: _preparing,
+    S.RUNNING: _running,
+    S.HOLDING: _holding,
+    S.HELD: _rest,
+    S.RESUMING: _resuming,
+    S.ABORTING: _aborting,
+    S.FAULT: _latched,
+    S.STOPPED: _latched,
+    S.RESETTING: _resetting,
+}

@@ -1,0 +1,316 @@
+"""Commands: verbs that name the end state, each carried out once per id, durable before the answer, harmless twice."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cellctl.cell.controller import Controller
+from cellctl.cell.preconditions import Refused, check_devices, check_program, still_there
+from cellctl.cell.record import END, RUN, StoreError
+from cellctl.cell.stream import Run
+from cellctl.cell.transaction import Step, Transaction
+from cellctl.domain.messages import Command, Reply
+from cellctl.domain.states import HINTS, LATCHED, State, Trigger, WrongStateError, after, is_reached
+from drivers.cell_wires import CellDrivers
+from drivers.errors import DriverError
+from planner.errors import PlannerError
+from planner.program import Program
+
+S, T = State, Trigger
+RESET_TIMEOUT_S = 3.0
+ReadProgram = Callable[[Path], Awaitable[tuple[Program, str]]]
+
+
+class Commands:
+    """Carries commands out on a controller. read_program : directory -> (Program, sha256 of it), off the loop."""
+
+    def __init__(self, controller: Controller, read_program: ReadProgram) -> None:
+        self._c = controller
+        self._read_program = read_program
+        self._replies: dict[str, Reply] = {k: msgspec.convert(v, Reply) for k, v in controller.found.replies.items()}
+        self._under_way: dict[str, asyncio.Future[Reply]] = {}
+        self._task: asyncio.Task[None] | None = None
+        self._verbs: dict[str, Callable[[Command], Awaitable[dict[str, Any]]]] = {
+            "start": self._start,
+            "hold": self._hold,
+            "resume": self._resume,
+            "abort": self._abort,
+            "stop": self._stop,
+            "reset": self._reset,
+            "home": self._home,
+            "unlock": self._unlock,
+            "jog": self._jog,
+            "record": self._record,
+        }
+
+    async def handle(self, command: Command) -> Reply:
+        """Carry out, make durable, answer. A repeated id gets the first answer."""
+        known = self._replies.get(command.id)
+        if known is not None:
+            return known
+        under_way = self._under_way.get(command.id)
+        if under_way is not None:
+            return await asyncio.shield(under_way)
+        future: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
+        self._under_way[command.id] = future
+        try:
+            reply = await self._answer(command)
+            self._replies[command.id] = reply
+            future.set_result(reply)
+        finally:
+            del self._under_way[command.id]
+            if not future.done():
+                future.cancel()
+        return reply
+
+    async def _answer(self, command: Command) -> Reply:
+        verb = self._verbs.get(command.verb)
+        if verb is None:
+            return Reply(command.id, False, f"{command.verb}: no such command", f"one of {', '.join(self._verbs)}")
+        if not command.id:
+            return Reply("", False, f"{command.verb}: the command has no id", "give every command an id of its own")
+        try:
+            reply = Reply(command.id, True, data=await verb(command))
+        except WrongStateError as error:
+            reply = Reply(command.id, False, str(error), HINTS.get(error.trigger, ""))
+        except (Refused, DriverError, PlannerError, StoreError) as error:
+            reply = Reply(command.id, False, error.message, error.hint)
+        await self._note(command, reply)
+        try:
+            await self._c.journal.durable()
+        except StoreError as error:
+            return Reply(command.id, reply.ok and command.verb == "stop", error.message, error.hint, reply.data)
+        return reply
+
+    async def _note(self, command: Command, reply: Reply) -> None:
+        said = f"{command.who}: {command.verb}" + (f", because {command.because}" if command.because else "")
+        text = said if reply.ok else f"{said}; refused: {reply.error}"
+        data = {"id": command.id, "verb": command.verb, "who": command.who, "because": command.because}
+        self._c.event("command", text, {**data, "reply": msgspec.to_builtins(reply)})
+
+    def _drivers(self) -> CellDrivers:
+        if self._c.drivers is None or not self._c.is_cnc_alive:
+            raise Refused(f"the cell is offline: {self._c.offline_line}", "connect the device that is named")
+        return self._c.drivers
+
+    # -- the job -------------------------------------------------------------------------------------------------------
+
+    async def _start(self, command: Command) -> dict[str, Any]:
+        c, args = self._c, command.args
+        job, name, directory = (str(args.get(key, "")) for key in ("job", "name", "program"))
+        if not job or not directory:
+            raise Refused("start: job and program are needed", "give the job's id and the program's directory")
+        after(c.state, T.START)
+        if job in c.found.jobs:
+            raise Refused(f"job {job} was started before", "submit it again as a new job")
+        program, digest = await self._read_program(Path(directory))
+        drivers = self._drivers()
+        check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
+        check_devices(drivers)
+        after(c.state, T.START)
+        c.found.jobs.add(job)
+        row = (job, name, directory, digest, c.times.unix(), len(program.lines), command.who, command.id)
+        c.journal.write(RUN, row)
+        await c.journal.durable()
+        try:
+            after(c.state, T.START)
+            run = Run(job, name, program, c.cell, drivers, c.modes, c.hand)
+            c.run, c.run_started_at, c.ended = run, c.times.wire.now(), None
+            c.go(T.START, f"{name}: {command.because or 'started'}")
+        except (WrongStateError, DriverError):
+            c.run = None
+            c.journal.write(END, (c.times.unix(), "aborted", 0, job))
+            raise
+        c.event("job", f"{name}: started by {command.who}", {"outcome": "", "total_lines": run.total})
+        return {"job": job, "total_lines": run.total}
+
+    async def _hold(self, command: Command) -> dict[str, Any]:
+        c = self._c
+        if not is_reached(c.state, T.HOLD):
+            after(c.state, T.HOLD)
+            drivers = self._drivers()
+            c.hand.lock(command.because)
+            if c.state is S.JOGGING:
+                drivers.cnc.jog_cancel()
+            elif c.state is S.PREPARING:
+                drivers.feeder.set_rate(0.0)
+                if c.run is not None:
+                    c.run.transaction = None
+            else:
+                c.quiesce.begin(c.times.wire.now(), reset=False)
+            c.go(T.HOLD, command.because or "held by the operator")
+        return {"state": c.state.value}
+
+    async def _resume(self, command: Command) -> dict[str, Any]:
+        c = self._c
+        if not is_reached(c.state, T.RESUME):
+            after(c.state, T.RESUME)
+            check_devices(self._drivers())
+            c.go(T.RESUME, command.because or "resumed by the operator")
+        return {"state": c.state.value}
+
+    async def _abort(self, command: Command) -> dict[str, Any]:
+        c = self._c
+        if not is_reached(c.state, T.ABORT) and not (c.state is S.IDLE and c.ended is not None):
+            after(c.state, T.ABORT)
+            c.hand.lock(command.because)
+            c.quiesce.begin(c.times.wire.now(), reset=True)
+            c.go(T.ABORT, command.because or "aborted by the operator")
+        return {"state": c.state.value}
+
+    async def _stop(self, command: Command) -> dict[str, Any]:
+        self.stop_now(command.because)
+        return {"state": self._c.state.value}
+
+    def stop_now(self, because: str) -> None:
+        """Everything off at once, in any state."""
+        c = self._c
+        if self._task is not None:
+            self._task.cancel()
+        if c.drivers is not None:
+            c.hand.lock(because)
+            c.drivers.laser.safe()
+            c.drivers.feeder.safe()
+            if c.is_cnc_alive:
+                c.quiesce.begin(c.times.wire.now(), reset=True)
+            if c.run is not None:
+                c.run.judge.standstill("stopped")
+                c.quiesce.outcome = c.quiesce.outcome or "aborted"
+        c.go(T.STOP, because or "STOP pressed")
+
+    async def _reset(self, command: Command) -> dict[str, Any]:
+        c = self._c
+        if c.state not in LATCHED:
+            return {"state": c.state.value}
+        if c.quiesce_pending:
+            raise Refused("cannot reset: the machine is still coming to rest", "try again in a second")
+        for code in [*c.alarms, "estop"]:
+            why = still_there(code, c)
+            if why:
+                raise Refused(
+                    f"cannot reset: {why}", c.alarms[code].remedy if code in c.alarms else "release the E-stop"
+                )
+        c.event(
+            "reset",
+            f"{command.who} resets: {', '.join(c.alarms) or 'stop'}",
+            {"who": command.who, "codes": [*c.alarms]},
+        )
+        c.go(T.RESET, command.because or "reset by the operator")
+        c.transaction = Transaction(self._reset_steps())
+        return {"state": c.state.value}
+
+    def _reset_steps(self) -> list[Step]:
+        c = self._c
+        if c.drivers is None:
+            return []
+        d = c.drivers
+        steps = [
+            Step(
+                "waiting for standstill", lambda: not c.is_cnc_alive or _at_rest(c), RESET_TIMEOUT_S, code="cnc_silent"
+            )
+        ]
+        if not math.isinf(d.laser.age_s):
+            steps.append(Step("resetting the laser", lambda: not d.laser.faults, RESET_TIMEOUT_S, act=d.laser.reset_faults,
+                              age_s=lambda: d.laser.age_s, code="laser_fault", detail=lambda: "; ".join(d.laser.faults)))  # fmt: skip
+        if not math.isinf(d.feeder.age_s):
+            steps.append(Step("resetting the feeder", lambda: not d.feeder.faults, RESET_TIMEOUT_S, act=d.feeder.reset_faults,
+                              age_s=lambda: d.feeder.age_s, code="feeder_fault", detail=lambda: "; ".join(d.feeder.faults)))  # fmt: skip
+        if c.is_cnc_alive and c.run is None:
+            begin = lambda: c.quiesce.begin(c.times.wire.now(), reset=True)  # noqa: E731
+            steps.append(Step("resetting the CNC", lambda: _advanced(c), RESET_TIMEOUT_S, act=begin, code="cnc_silent"))
+        return steps
+
+    # -- by hand -------------------------------------------------------------------------------------------------------
+
+    async def _home(self, command: Command) -> dict[str, Any]:
+        c = self._c
+        if not is_reached(c.state, T.HOME):
+            after(c.state, T.HOME)
+            drivers = self._drivers()
+            check_devices(drivers, for_job=False)
+            self._lock_out(drivers, "homing")
+            c.go(T.HOME, command.because or "homing")
+            self._spawn(self._while(drivers.cnc.home(), T.HOMED, "homed"))
+        return {"state": c.state.value}
+
+    async def _unlock(self, command: Command) -> dict[str, Any]:
+        c = self._c
+        if not is_reached(c.state, T.UNLOCK):
+            after(c.state, T.UNLOCK)
+            await self._drivers().cnc.unlock()
+            c.go(T.UNLOCK, command.because or "unlocked without homing")
+        return {"state": c.state.value}
+
+    async def _jog(self, command: Command) -> dict[str, Any]:
+        c, args = self._c, command.args
+        axis, distance, feed = str(args.get("axis", "")), args.get("distance"), args.get("feed")
+        if not isinstance(distance, (int, float)) or not isinstance(feed, (int, float)) or axis not in c.cell.letters:
+            raise Refused(
+                f"jog: axis ({', '.join(c.cell.letters)}), distance and feed are needed",
+                "distance in mm or deg, feed per minute",
+            )
+        after(c.state, T.JOG)
+        drivers = self._drivers()
+        check_devices(drivers, for_job=False)
+        facts, status = c.cell.axis(axis), drivers.cnc.status
+        target = (status.machine.get(axis, 0.0) if status else 0.0) + float(distance)
+        if not facts.min <= target <= facts.max or not 0 < feed <= facts.max_velocity * 60:
+            raise Refused(
+                f"jog {axis} to {target:.3f} at {feed:g}/min is outside {facts.min:g} to {facts.max:g} or above {facts.max_velocity * 60:g}/min",
+                "jog less far or slower",
+            )
+        self._lock_out(drivers, "jogging")
+        c.jog_sent_at = None
+        c.go(T.JOG, command.because or f"jog {axis} {distance:+g}")
+        self._spawn(self._while(self._jog_task(drivers, axis, float(distance), float(feed)), None, ""))
+        return {"state": c.state.value}
+
+    async def _jog_task(self, drivers: CellDrivers, axis: str, distance: float, feed: float) -> None:
+        await drivers.cnc.jog(axis, distance, feed)
+        self._c.jog_sent_at = self._c.times.wire.now()
+
+    async def _record(self, command: Command) -> dict[str, Any]:
+        c = self._c
+        view = c.job_view() if c.run is not None else c.ended.view if c.ended else None
+        return {"job": msgspec.to_builtins(view), "lines": msgspec.to_builtins(c.lines())}
+
+    def _lock_out(self, drivers: CellDrivers, why: str) -> None:
+        self._c.hand.lock(why)
+        drivers.laser.safe()
+
+    async def _while(self, work: Coroutine[Any, Any, None], done: Trigger | None, because: str) -> None:
+        """Work of the CNC that takes its time; its end, or its failure, changes the state."""
+        c = self._c
+        try:
+            await work
+            if done is not None and c.state in (S.HOMING, S.JOGGING):
+                c.go(done, because)
+        except DriverError as error:
+            if c.state in (S.HOMING, S.JOGGING):
+                c.fault("step_failed", error.message, error.hint)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        self._task = asyncio.get_running_loop().create_task(work)
+
+    async def close(self) -> None:
+        """End work under way."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+            self._task = None
+
+
+def _at_rest(c: Controller) -> bool:
+    c.quiesce.advance(c.times.wire.now())
+    return c.quiesce.is_still or c.quiesce.is_clear
+
+
+def _advanced(c: Controller) -> bool:
+    c.quiesce.advance(c.times.wire.now())
+    return c.quiesce.is_clear

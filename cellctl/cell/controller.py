@@ -1,0 +1,291 @@
+"""The cell's controller: one state, one tick that senses, judges and acts, and everything that latches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from cellctl.cell.behaviour import STEPS
+from cellctl.cell.modes import Modes
+from cellctl.cell.quiesce import Quiesce
+from cellctl.cell.record import END, PROGRESS, SAMPLE, Found, Journal, Sample
+from cellctl.cell.safety import LaserHand, Senses, Situation
+from cellctl.cell.stream import Run
+from cellctl.cell.transaction import StepFailedError, Transaction
+from cellctl.domain.interlocks import may_emit
+from cellctl.domain.messages import Event
+from cellctl.domain.reactions import REACTIONS, explain
+from cellctl.domain.snapshot import Alarm, JobView, Lines, Permissive
+from cellctl.domain.states import IN_JOB, LATCHED, State, Trigger, after
+from config.cell import Cell
+from drivers.cell_wires import CellDrivers
+from drivers.cnc.events import (
+    AlarmRaised,
+    AnswerOverdue,
+    CncEvent,
+    LineRejected,
+    Message,
+    PortLost,
+    StatusReport,
+    Welcome,
+)
+from drivers.errors import RangeError_
+from drivers.interfaces import Clock
+
+S, T = State, Trigger
+
+
+@dataclass
+class Times:
+    """Clocks handed in: `wire` for everything that is measured, `unix` for what is written down."""
+
+    wire: Clock
+    unix: Callable[[], float]
+
+
+@dataclass
+class Ended:
+    """The last run, kept for the operator to see."""
+
+    view: JobView
+    lines: Lines
+
+
+class Controller:
+    """One cell. `tick` never waits; whoever changes the state does it through the table (`go`)."""
+
+    def __init__(self, cell: Cell, times: Times, journal: Journal) -> None:
+        self.cell = cell
+        self.times = times
+        self.journal = journal
+        self.found: Found = journal.find()
+        self.state = S.OFFLINE
+        self.because = "the cell process has started"
+        self.offline_line = "connecting"
+        self.alarms: dict[str, Alarm] = {}
+        self.alarms_made = 0
+        self.details: dict[str, tuple[str, str]] = {}
+        self.permissives: list[Permissive] = []
+        self.run: Run | None = None
+        self.run_started_at = 0.0
+        self.ended: Ended | None = None
+        self.transaction: Transaction | None = None  # of aborting, resetting, resuming
+        self.drivers: CellDrivers | None = None
+        self.is_cnc_alive = False
+        self.last_tick_at = times.wire.now()
+        self.jog_sent_at: float | None = None
+        self._layer = -1
+        self._sampled_at = 0.0
+        self._recover()
+
+    # -- wires ---------------------------------------------------------------------------------------------------------
+
+    def attach(self, drivers: CellDrivers) -> None:
+        """Use these drivers from now on; everything is commanded safe first."""
+        self.drivers = drivers
+        self.hand = LaserHand(drivers, self.times.wire)
+        self.senses = Senses(self.cell, drivers, self.times.wire)
+        self.modes = Modes(self.cell, drivers, self.times.wire, self.hand)
+        self.quiesce = Quiesce(drivers)
+        self.hand.lock("the cell process has started")
+        drivers.laser.safe()
+        drivers.feeder.safe()
+
+    def _recover(self) -> None:
+        """Runs that no process ended become interrupted; faults that nobody reset stay latched."""
+        for run in self.found.unfinished:
+            text = f"{run.name}: interrupted after line {run.last_line} of {run.total_lines}; the cell process ended"
+            self.journal.write(END, (self.times.unix(), "interrupted", run.last_line, run.job))
+            self.event(
+                "job",
+                text,
+                {"outcome": "interrupted", "last_line": run.last_line, "total_lines": run.total_lines},
+                job=run.job,
+            )
+            lines = Lines(executed=run.last_line, total=run.total_lines)
+            progress = run.last_line / max(run.total_lines, 1)
+            self.ended = Ended(JobView(run.job, run.name, progress=progress, outcome="interrupted"), lines)
+            self.fault("restarted", f"{run.name}, last executed line {run.last_line} of {run.total_lines}")
+        for code, detail, remedy in self.found.alarms:
+            self.fault(code, detail, remedy)
+
+    # -- state and events ----------------------------------------------------------------------------------------------
+
+    def go(self, trigger: Trigger, because: str) -> None:
+        """Change the state by the table. Raises WrongStateError and changes nothing."""
+        target = after(self.state, trigger)
+        if target is self.state:
+            return
+        self.state, self.because = target, because
+        self.transaction = None
+        data = {"state": target.value, "trigger": trigger.value, "because": because}
+        self.event("state", f"{target.value}: {because}", data)
+        if target is not S.RUNNING and self.drivers is not None:
+            self.hand.lock(because)
+
+    def event(self, kind: str, text: str, data: dict[str, Any] | None = None, job: str | None = None) -> None:
+        """Write down what happened; clients get it when it is durable."""
+        name = job if job is not None else (self.run.job if self.run else "")
+        self.journal.event(Event(0, self.times.unix(), kind, text, name, data or {}))
+
+    def fault(self, code: str, detail: str = "", remedy: str = "") -> None:
+        """Latch a fault with its cause and remedy, laser off first; the same one twice is one alarm."""
+        if self.drivers is not None:
+            self.hand.lock(code)
+        if code in self.alarms:
+            return
+        cause, cure = explain(code, detail, remedy)
+        self.alarms_made += 1
+        self.alarms[code] = Alarm(self.alarms_made, self.times.unix(), code, cause, cure)
+        self.details[code] = (detail, remedy)
+        self.event("alarm", cause, {"code": code, "detail": detail, "remedy": remedy, "shown_remedy": cure})
+        was_latched = self.state in LATCHED
+        self.go(T.FAULTED, cause)
+        if self.drivers is None:
+            return
+        reaction = REACTIONS[code]
+        if not was_latched:
+            self.quiesce.begin(self.times.wire.now(), reset=False)
+        if reaction.motion == "reset" and self.is_cnc_alive:
+            self.quiesce.begin(self.times.wire.now(), reset=True)
+        if reaction.powder_off:
+            self.drivers.feeder.safe()
+        self.drivers.laser.enable(False)
+        if reaction.ends_job and self.run is not None:
+            self.quiesce.outcome = "failed" if code in ("line_rejected", "tool", "datum") else "interrupted"
+            if not self.is_cnc_alive:
+                self.end_run(self.quiesce.outcome)
+
+    @property
+    def quiesce_pending(self) -> bool:
+        """Whether a run that is over has not yet been brought to rest."""
+        return self.drivers is not None and self.run is not None and bool(self.quiesce.outcome)
+
+    def end_run(self, outcome: str) -> None:
+        """The run is over: written down with the last executed line."""
+        run = self.run
+        if run is None or self.drivers is None:
+            return
+        executed = run.executed
+        self.journal.write(END, (self.times.unix(), outcome, executed, run.job))
+        text = f"{run.name}: {outcome} after line {executed} of {run.total}"
+        self.event("job", text, {"outcome": outcome, "last_line": executed, "total_lines": run.total})
+        self.ended = Ended(self.job_view(outcome), self.lines())
+        self.run = None
+        self.quiesce.outcome = ""
+
+    # -- the tick ------------------------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Sense, judge, act: once per period, never waiting."""
+        now = self.last_tick_at = self.times.wire.now()
+        if self.drivers is None:
+            return
+        self.pump()
+        try:
+            self._watch(now)
+            STEPS[self.state](self, self.drivers, now)
+        except StepFailedError as error:
+            self.fault(error.code, error.detail, error.remedy)
+        except RangeError_ as error:
+            self.fault("step_failed", error.message, error.hint)
+        situation = self._situation(now)
+        self.permissives = self.senses.permissives(situation)
+        is_allowed = may_emit(self.permissives)
+        lost = "; ".join(p.why for p in self.permissives if not p.ok)
+        self.hand.apply(is_allowed, lost)
+        self._sample(now)
+
+    def pump(self) -> None:
+        """Let the CNC's line read and write, and take in what it tells. Called by every tick and when bytes have come."""
+        if self.drivers is not None and self.is_cnc_alive:
+            for event in self.drivers.cnc.pump():
+                self._on_cnc(event)
+
+    def _situation(self, now: float) -> Situation:
+        run = self.run
+        if run is None:
+            return Situation(self.state, bool(self.alarms), False, False, "no job", False, 0, None, 0.0)
+        return Situation(
+            self.state,
+            bool(self.alarms),
+            run.is_depositing,
+            run.judge.is_moving(now),
+            run.judge.why,
+            run.is_run_expected(now),
+            run.mode,
+            run.tool_at(run.line),
+            run.wanted.powder_g_min,
+        )
+
+    def _watch(self, now: float) -> None:
+        situation = self._situation(now)
+        found = [*self.senses.faults(situation)] if self.state not in (S.OFFLINE, S.RESETTING) else []
+        if self.state is not S.OFFLINE:
+            found += self.senses.unpermitted_emission(self.hand)
+        for code, detail, remedy in found:
+            self.fault(code, detail, remedy)
+
+    def _on_cnc(self, event: CncEvent) -> None:
+        busy = self.state in IN_JOB or self.state in (S.HOMING, S.JOGGING)
+        if isinstance(event, StatusReport):
+            if self.run is not None:
+                self.run.report(event.status)
+                self.hand.factor = self.run.follower.power_factor(event.status.overrides[0] / 100.0)
+        elif isinstance(event, PortLost):
+            self.is_cnc_alive = False
+            if busy:
+                self.fault("cnc_lost", event.message, event.hint)
+        elif isinstance(event, AlarmRaised) and busy:
+            self.fault("cnc_alarm", f"ALARM:{event.code} {event.cause}", event.remedy)
+        elif isinstance(event, LineRejected) and self.run is not None:
+            self.fault("line_rejected", f"N{event.n} {event.line!r}: error {event.code}, {event.text}", event.remedy)
+        elif isinstance(event, AnswerOverdue) and self.run is not None:
+            self.fault("answer_overdue", f"N{event.n} after {event.waited_s:.1f} s {event.garbled}".strip())
+        elif isinstance(event, Welcome) and not event.expected and busy:
+            self.fault("cnc_reset", event.banner)
+        elif isinstance(event, Message):
+            self.event("cnc", event.text)
+
+    def _sample(self, now: float) -> None:
+        """Journal the run ten times a second, and each layer's beginning."""
+        run, drivers = self.run, self.drivers
+        if run is None or drivers is None or now - self._sampled_at < self.cell.cnc.status_period_s:
+            return
+        self._sampled_at = now
+        last, layer = run.follower.last, int(run.row["layer"])
+        if layer != self._layer:
+            self._layer = layer
+            self.event(
+                "layer", f"layer {layer + 1} of {len(run.program.layer_starts) - 1}", {"layer": layer, "line": run.line}
+            )
+        tip = run.timeline.tip_at(last.line, last.fraction)[0] if last else run.timeline.tip_end[0]
+        laser, feeder = drivers.laser, drivers.feeder
+        sample = Sample(
+            self.times.unix(), run.job, self.state.value, run.executed, layer, last.arc_mm if last else 0.0,
+            laser.power_setpoint_w, laser.power_readback_w, feeder.rate_setpoint_g_min, feeder.rate_readback_g_min,
+            (float(tip[0]), float(tip[1]), float(tip[2])),
+        )  # fmt: skip
+        self.journal.write(SAMPLE, sample.row)
+        self.journal.write(PROGRESS, (run.executed, run.job))
+
+    # -- views ---------------------------------------------------------------------------------------------------------
+
+    def lines(self) -> Lines:
+        """The four counts of the run, or of the last one."""
+        if self.run is None or self.drivers is None:
+            return self.ended.lines if self.ended else Lines()
+        counts = self.drivers.cnc.counts
+        return Lines(counts.sent, counts.acknowledged, counts.executing, counts.executed, self.run.total)
+
+    def job_view(self, outcome: str = "") -> JobView:
+        """The run as the operator sees it. Raises AssertionError without a run."""
+        run = self.run
+        assert run is not None
+        row = run.row
+        kind = {0: "safe", 1: "deposit", 2: "mill"}[run.mode]
+        return JobView(
+            run.job, run.name, max(int(row["layer"]), 0), len(run.program.layer_starts) - 1, int(row["operation"]), kind,
+            run.executed / max(run.total, 1), self.times.wire.now() - self.run_started_at, run.remaining_s(), outcome,
+        )  # fmt: skip

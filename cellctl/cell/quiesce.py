@@ -1,0 +1,69 @@
+"""Bringing the machine to rest: hold until it stands, said again as long as it does not; then, if asked, drop what is buffered."""
+
+from __future__ import annotations
+
+from drivers.cell_wires import CellDrivers
+
+REPEAT_S = 0.1  # a hold that was not seen to act is said again
+STAND_TIMEOUT_S = 1.5  # after that a reset is safer than more motion
+
+
+class Quiesce:
+    """Works on the level of every tick. `is_still`: stands; `is_reset`: what was buffered is gone."""
+
+    def __init__(self, drivers: CellDrivers) -> None:
+        self._d = drivers
+        self.outcome = ""  # how the run ends once the machine is at rest
+        self.is_reset = False
+        self._reset_at = 0.0
+        self._wants_reset = False
+        self._began_at = 0.0
+        self._said_at = -1.0
+
+    def begin(self, now: float, *, reset: bool) -> None:
+        """Come to rest from now on; harmless twice. reset : drop what is buffered at standstill."""
+        self._began_at = now
+        self._said_at = -1.0
+        self._wants_reset = reset
+        self.is_reset = False
+        self.advance(now)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the last report shows a machine that stands with nothing left to move."""
+        status = self._d.cnc.status
+        if status is None:
+            return False
+        if status.is_held or status.state in ("Alarm", "Sleep") or (status.state == "Door" and status.substate in (0, 1, None)):
+            return True
+        return status.is_idle and status.at > self._began_at and self._d.cnc.is_drained
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the machine was reset and has told since that it waits."""
+        status = self._d.cnc.status
+        return (
+            self.is_reset
+            and status is not None
+            and status.at > self._reset_at
+            and status.state in ("Idle", "Alarm", "Sleep")
+        )
+
+    def advance(self, now: float) -> None:
+        """Say hold where motion is or may come, reset where it was asked for."""
+        cnc = self._d.cnc
+        status = cnc.status
+        state = status.state if status else ""
+        is_time = self.is_still or state == "Home" or now - self._began_at > STAND_TIMEOUT_S
+        if self._wants_reset and not self.is_reset and is_time:
+            cnc.reset()
+            self.is_reset = True
+            self._reset_at = now
+            return
+        if self.is_reset or self.is_still or state in ("Hold", "Door", "Check"):
+            return
+        if now - self._said_at >= REPEAT_S:
+            self._said_at = now
+            if state == "Jog":
+                cnc.jog_cancel()
+            cnc.hold()

@@ -1,0 +1,208 @@
+"""The safety tick's senses and its hand on the laser: levels gathered every tick, faults seen in them, permit and power set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from cellctl.cell.modes import DEPOSIT, MILL
+from cellctl.domain.interlocks import Levels, Signal, permissives
+from cellctl.domain.reactions import INTERLOCK_CAUSE
+from cellctl.domain.snapshot import Permissive
+from cellctl.domain.states import ACTIVE, IN_JOB, State
+from config.cell import Cell
+from drivers.cell_wires import CellDrivers
+from drivers.interfaces import Clock
+from drivers.modbus.device import DeviceClient
+
+DARK_GRACE_S = 0.3  # from the permit's end until read-backs have to show it: request, ramp and reading
+FLOW_GRACE_S = 1.5  # powder may be off its set-point that long before it counts as lost
+FLOW_BAND = 3.0  # times powder_settle_tolerance
+TOOL_GRACE_S = 1.0
+
+
+class LaserHand:
+    """The only hand on permit and power. `apply` is called by every tick with the verdict of the permissives."""
+
+    def __init__(self, drivers: CellDrivers, clock: Clock) -> None:
+        self._laser = drivers.laser
+        self._clock = clock
+        self.power_wanted_w = 0.0
+        self.factor = 1.0
+        self.is_permitted = False
+        self.dark_since = clock.now()
+        self.because = ""
+
+    def apply(self, may_emit: bool, because: str) -> None:
+        """Permit with the wanted power, or neither."""
+        if not may_emit:
+            self.lock(because)
+            return
+        self._laser.set_power(self.power_wanted_w * self.factor)
+        self._laser.permit(True)
+        self.is_permitted = True
+        self.because = ""
+
+    def lock(self, because: str) -> None:
+        """Permit and power off, now. Harmless twice."""
+        if self.is_permitted:
+            self.dark_since = self._clock.now()
+        self.is_permitted = False
+        self.because = because
+        self._laser.permit(False)
+        self._laser.set_power(0.0)
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the controller knows at this tick that the wires do not tell."""
+
+    state: State
+    is_faulted: bool
+    is_depositing: bool
+    is_moving: bool
+    why_not_moving: str
+    is_run_expected: bool
+    mode: int
+    tool: int | None
+    powder_g_min: float
+
+
+def _signal(client: DeviceClient, name: str) -> Signal:
+    return Signal(client.value(name), client.age(name), client.device.registers[name].stale_s)
+
+
+class Senses:
+    """Reads every level that emission depends on, and sees faults in them."""
+
+    def __init__(self, cell: Cell, drivers: CellDrivers, clock: Clock) -> None:
+        self._cell = cell
+        self._d = drivers
+        self._clock = clock
+        self._flow_wrong_since: float | None = None
+        self._tool_wrong_since: float | None = None
+
+    @property
+    def cnc_age_s(self) -> float:
+        """Age of the last status report (s)."""
+        status = self._d.cnc.status
+        return self._clock.now() - status.at if status is not None else float("inf")
+
+    def permissives(self, now: Situation) -> list[Permissive]:
+        """Each condition of emission at this tick."""
+        laser, feeder, io = self._d.laser.client, self._d.feeder.client, self._d.io.client
+        status = self._d.cnc.status
+        state = status.state if status else ""
+        return permissives(
+            Levels(
+                is_running=now.state is State.RUNNING,
+                is_faulted=now.is_faulted,
+                is_depositing=now.is_depositing,
+                is_moving=now.is_moving,
+                why_not_moving=now.why_not_moving,
+                cnc_state="Run" if now.is_run_expected and state == "Idle" else state,
+                cnc_age_s=self.cnc_age_s,
+                cnc_stale_s=self._cell.limits.status_stale_s,
+                interlocks={name: _signal(io, name) for name in INTERLOCK_CAUSE},
+                laser_words={name: _signal(laser, name) for name in ("interlock_word", "fault_word")},
+                laser_enabled=self._d.laser.is_enabled,
+                feeder_words={"fault_word": _signal(feeder, "fault_word")},
+                heartbeats={
+                    name: _signal(client, "heartbeat_readback")
+                    for name, client in (("laser", laser), ("feeder", feeder), ("io", io))
+                },
+            )
+        )
+
+    def faults(self, now: Situation) -> Iterator[tuple[str, str, str]]:
+        """(code, detail, remedy) of everything that has to latch, worst first."""
+        yield from self._everywhere(now)
+        if now.state in IN_JOB:
+            yield from self._cnc()
+        if now.state in ACTIVE:
+            yield from self._interlocks()
+            yield from self._devices(now)
+            yield from self._positions(now)
+
+    def _everywhere(self, now: Situation) -> Iterator[tuple[str, str, str]]:
+        estop = _signal(self._d.io.client, "estop_ok")
+        if estop.is_fresh and not estop.value and now.state is not State.OFFLINE:
+            yield "estop", "", ""
+
+    def unpermitted_emission(self, hand: LaserHand) -> Iterator[tuple[str, str, str]]:
+        """Emission that is read back though the permit has been off for a while."""
+        laser = self._d.laser
+        emission = _signal(laser.client, "emission")
+        if hand.is_permitted or not emission.is_fresh or not emission.value:
+            return
+        if self._clock.now() - hand.dark_since - emission.age_s > DARK_GRACE_S:
+            yield "laser_emitting", f"{laser.power_readback_w:.0f} W", ""
+
+    def _cnc(self) -> Iterator[tuple[str, str, str]]:
+        if self.cnc_age_s > self._cell.limits.status_stale_s:
+            yield "cnc_silent", f"last status report {self.cnc_age_s:.1f} s ago", ""
+        elif self._d.cnc.status is not None and self._d.cnc.status.state == "Alarm":
+            yield "cnc_alarm", f"ALARM:{self._d.cnc.status.substate or ''}", "remove the cause, reset and home"
+
+    def _interlocks(self) -> Iterator[tuple[str, str, str]]:
+        io = self._d.io
+        for name, code in INTERLOCK_CAUSE.items():
+            signal = _signal(io.client, name)
+            if not signal.is_fresh:
+                yield "io_silent", _why_silent(io.client), ""
+                return
+            if not signal.value and code != "estop":
+                yield code, "", ""
+
+    def _devices(self, now: Situation) -> Iterator[tuple[str, str, str]]:
+        laser, feeder = self._d.laser, self._d.feeder
+        if not _signal(laser.client, "fault_word").is_fresh or not _signal(laser.client, "emission").is_fresh:
+            yield "laser_silent", _why_silent(laser.client), ""
+        elif laser.faults:
+            yield "laser_fault", "; ".join(laser.faults), ""
+        elif laser.interlocks and laser.is_enabled:
+            yield "laser_interlock", "; ".join(laser.interlocks), ""
+        if not _signal(feeder.client, "fault_word").is_fresh or not _signal(feeder.client, "rate_readback").is_fresh:
+            yield "feeder_silent", _why_silent(feeder.client), ""
+        elif feeder.faults:
+            yield "feeder_fault", "; ".join(feeder.faults), ""
+        elif now.state is State.RUNNING and now.mode == DEPOSIT:
+            yield from self._flow(now.powder_g_min)
+
+    def _flow(self, wanted: float) -> Iterator[tuple[str, str, str]]:
+        read = self._d.feeder.rate_readback_g_min
+        band = max(FLOW_BAND * self._cell.limits.powder_settle_tolerance * wanted, 0.5)
+        if wanted <= 0 or abs(read - wanted) <= band:
+            self._flow_wrong_since = None
+            return
+        since = self._flow_wrong_since = (
+            self._flow_wrong_since if self._flow_wrong_since is not None else self._clock.now()
+        )
+        if self._clock.now() - since > FLOW_GRACE_S:
+            yield "powder_flow", f"{read:.1f} of {wanted:.1f} g/min", ""
+
+    def _positions(self, now: Situation) -> Iterator[tuple[str, str, str]]:
+        io = self._d.io
+        if now.state is State.RUNNING and now.mode == DEPOSIT and not io.head_deployed:
+            yield "head_position", "not deployed while depositing", ""
+        if now.state is State.RUNNING and now.mode == MILL and not io.head_parked:
+            yield "head_position", "not parked while milling", ""
+        status = self._d.cnc.status
+        if (
+            now.state is not State.RUNNING
+            or now.tool is None
+            or status is None
+            or not status.tool
+            or status.tool == now.tool
+        ):
+            self._tool_wrong_since = None
+            return
+        since = self._tool_wrong_since = (
+            self._tool_wrong_since if self._tool_wrong_since is not None else self._clock.now()
+        )
+        if self._clock.now() - since > TOOL_GRACE_S:
+            yield "tool", f"T{status.tool} is mounted, the program needs T{now.tool}", ""
+
+
+def _why_silent(client: DeviceClient) -> str:
+    return client.last_error.message if client.last_error is not None else "its readings are stale"

@@ -1,0 +1,296 @@
+"""One running job: the stream that stops at barriers, set-points at their place on the path, progress from lines executed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellctl.cell.modes import DEPOSIT, SAFE, Modes
+from cellctl.cell.safety import LaserHand
+from cellctl.cell.transaction import Step, Transaction
+from cellctl.domain.sync import Follower, MotionJudge, Timeline
+from config.cell import Cell
+from drivers.cell_wires import CellDrivers
+from drivers.cnc.events import Status
+from planner.program import Channel, LineKind, Program
+
+GATE_WORD = re.compile(r"M6([23])\s*P(\d+)")
+TOOL_WORD = re.compile(r"T(\d+)")
+IDLE_TIMEOUT_S = 5.0
+EXPECT_PERIODS = 2.5  # status periods for which motion is taken for granted after a release with the gate shut
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The process set-points that the Program has reached, to be restored after a hold."""
+
+    laser_w: float = 0.0
+    powder_g_min: float = 0.0
+    carrier_gas_l_min: float = 0.0
+    shield_gas_l_min: float = 0.0
+
+
+def gate_of_lines(program: Program) -> NDArray[np.bool_]:
+    """(n,) bool: whether the gate is open on each line, by M62/M63 in the text or by EMISSION in the schedule.
+
+    M62 and M63 act with the next motion, so from their own line on.
+    """
+    size = len(program.lines)
+    marks: list[tuple[int, bool]] = []
+    if program.gate == "stream":
+        for index, line in enumerate(program.lines):
+            if "M6" in line and (found := GATE_WORD.search(line)):
+                marks.append((index, found.group(1) == "2"))
+    else:
+        rows = program.schedule[program.schedule["channel"] == Channel.EMISSION]
+        marks = [(int(row["n"]) - 1, bool(row["value"])) for row in rows]
+    gate = np.zeros(size, dtype=np.bool_)
+    for (start, is_open), (end, _) in zip(marks, [*marks[1:], (size, False)], strict=True):
+        gate[start:end] = is_open
+    return gate
+
+
+class Run:
+    """A Program on its way through the CNC. Knows no states: the controller asks, and tells."""
+
+    def __init__(
+        self, job: str, name: str, program: Program, cell: Cell, drivers: CellDrivers, modes: Modes, hand: LaserHand
+    ) -> None:
+        self.job = job
+        self.name = name
+        self.program = program
+        self.timeline = Timeline.from_table(program.table, gate_of_lines(program))
+        period = cell.cnc.status_period_s
+        self.follower = Follower(self.timeline, period)
+        self.judge = MotionJudge(cell.limits.moving_mm_s, EXPECT_PERIODS * period)
+        self.mode = SAFE
+        self.wanted = Wanted()
+        self.is_emission_due = False
+        self.transaction: Transaction | None = None
+        self.ended_at: float | None = None
+        self._cell = cell
+        self._d = drivers
+        self._modes = modes
+        self._hand = hand
+        self._period_s = period
+        schedule = program.schedule
+        self._schedule = schedule
+        self._cursor = 0
+        self._barriers = np.unique(schedule["n"][schedule["barrier"] == 1]).astype(int)
+        self._released = 0
+        tools = np.flatnonzero(program.table["kind"] == LineKind.TOOL)
+        found = ((int(i), TOOL_WORD.search(program.lines[int(i)])) for i in tools)
+        self._tools = [(i, int(word.group(1))) for i, word in found if word]
+        self._latency_s = max(drivers.laser.client.device.latency_s, drivers.feeder.client.device.latency_s)
+        drivers.cnc.load(program.lines, times_s=cast("Sequence[float]", self.timeline.time_end_s))
+
+    # -- progress ------------------------------------------------------------------------------------------------------
+
+    @property
+    def total(self) -> int:
+        """Lines of the Program."""
+        return len(self.program.lines)
+
+    @property
+    def executed(self) -> int:
+        """Lines that the machine has executed."""
+        return self._d.cnc.counts.executed
+
+    @property
+    def line(self) -> int:
+        """Index of the line that executes, or of the next one."""
+        counts = self._d.cnc.counts
+        return min(max(counts.executing - 1 if counts.executing > 0 else counts.executed, 0), self.total - 1)
+
+    @property
+    def row(self) -> Any:
+        """The table's row of that line."""
+        return self.program.table[self.line]
+
+    @property
+    def offset(self) -> dict[str, float]:
+        """The Program's work offset per axis letter."""
+        return dict(zip(self.program.axis_letters, map(float, self.program.work_offset), strict=True))
+
+    def tool_at(self, index: int) -> int | None:
+        """Number of the tool that the Program has mounted before line `index`; None before its first tool change."""
+        mounted = [number for line, number in self._tools if line < index]
+        return mounted[-1] if mounted else None
+
+    def remaining_s(self) -> float:
+        """Predicted process time to the end of the Program, waits at barriers not counted (s)."""
+        last = self.follower.last
+        return max(float(self.program.duration_s) - (last.time_s if last else 0.0), 0.0)
+
+    # -- reports and schedule ------------------------------------------------------------------------------------------
+
+    def report(self, status: Status) -> None:
+        """Project a status report on the Program."""
+        letters = self.program.axis_letters
+        if not all(letter in status.machine for letter in letters):
+            return
+        joints = np.array([status.machine[letter] for letter in letters])
+        is_run = status.state == "Run" or (status.state == "Idle" and self._is_dwell(self.line))
+        self.follower.report(self.line, joints, status.at, is_run=is_run, feed=status.feed_mm_min)
+        self.judge.report(self.follower)
+        if status.state not in ("Run", "Idle"):
+            self.judge.standstill(f"the CNC is {status.state}")
+
+    def _is_dwell(self, line: int) -> bool:
+        return bool(self.program.table["kind"][line] == LineKind.DWELL)
+
+    def follow(self, now: float) -> None:
+        """Carry out what the schedule has for the place where the machine will be once a device has reacted."""
+        reach = max(self.line, self.timeline.line_at(self.follower.predicted_time(now + self._latency_s)))
+        limit = self._released  # never beyond what may execute
+        while self._cursor < len(self._schedule):
+            entry = self._schedule[self._cursor]
+            index = int(entry["n"]) - 1
+            if entry["barrier"] or index > reach or index >= limit:
+                break
+            self._set(int(entry["channel"]), float(entry["value"]))
+            self._cursor += 1
+        self._expect_end_of_dwell(now)
+
+    def _expect_end_of_dwell(self, now: float) -> None:
+        """A dwell with the gate shut ends at a known time: the permit has to be back before the pass behind it."""
+        last = self.follower.last
+        if last is None or not self._is_dwell(last.line) or self.timeline.is_emitting[last.line]:
+            return
+        left = (self.timeline.time_at(last.line, 1.0) - self.follower.predicted_time(now)) / max(
+            self.follower.rate, 1e-3
+        )
+        if left <= self._period_s and last.line == self.line:
+            self.judge.expect(now)
+
+    def _set(self, channel: int, value: float) -> None:
+        feeder, wanted = self._d.feeder, self.wanted
+        if channel == Channel.LASER_W:
+            self.wanted = Wanted(value, wanted.powder_g_min, wanted.carrier_gas_l_min, wanted.shield_gas_l_min)
+            self._hand.power_wanted_w = value
+        elif channel == Channel.POWDER_G_MIN:
+            self.wanted = Wanted(wanted.laser_w, value, wanted.carrier_gas_l_min, wanted.shield_gas_l_min)
+            feeder.set_rate(value)
+        elif channel == Channel.CARRIER_GAS_L_MIN:
+            self.wanted = Wanted(wanted.laser_w, wanted.powder_g_min, value, wanted.shield_gas_l_min)
+            feeder.set_carrier_gas(value)
+        elif channel == Channel.SHIELD_GAS_L_MIN:
+            self.wanted = Wanted(wanted.laser_w, wanted.powder_g_min, wanted.carrier_gas_l_min, value)
+            feeder.set_shield_gas(value)
+        elif channel == Channel.EMISSION:
+            self.is_emission_due = bool(value)
+
+    # -- barriers ------------------------------------------------------------------------------------------------------
+
+    @property
+    def next_barrier(self) -> int | None:
+        """Index of the line at which the stream stops next; None behind the last."""
+        position = int(np.searchsorted(self._barriers, self._released + 1))
+        return int(self._barriers[position]) - 1 if position < len(self._barriers) else None
+
+    @property
+    def is_at_barrier(self) -> bool:
+        """Whether everything that was released is executed and more is left."""
+        return self._released < self.total and (self._released == 0 or self._is_standing_at(self._released))
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether every line is executed."""
+        return self._released >= self.total and self._is_standing_at(self.total)
+
+    def _is_standing_at(self, count: int) -> bool:
+        return self._d.cnc.is_drained and self.executed >= count
+
+    def begin_barrier(self) -> None:
+        """Make the guarded sequence of the line that is next; a beginning without barrier has none."""
+        self.judge.standstill("the cell prepares the next operation")
+        steps = [self._idle()]
+        n = self._released + 1
+        self._skip_to(n)
+        entries = self._schedule[self._cursor :]
+        for entry in entries[entries["n"] == n]:
+            if entry["barrier"]:
+                steps += self._steps(int(entry["channel"]), float(entry["value"]), n - 1)
+        self.transaction = Transaction(steps)
+
+    def _idle(self) -> Step:
+        """A machine that was held between two lines is let go: nothing is there that could move."""
+        cnc = self._d.cnc
+
+        def let_go() -> None:
+            if cnc.status is not None and cnc.status.state in ("Hold", "Door"):
+                cnc.resume()
+
+        return Step("waiting until the CNC is Idle", lambda: cnc.status is not None and cnc.status.is_idle, IDLE_TIMEOUT_S, act=let_go)
+
+    def _skip_to(self, n: int) -> None:
+        """Carry out what was due before line n and was not reached by prediction: the machine stands at n."""
+        while self._cursor < len(self._schedule) and int(self._schedule["n"][self._cursor]) < n:
+            entry = self._schedule[self._cursor]
+            if not entry["barrier"]:
+                self._set(int(entry["channel"]), float(entry["value"]))
+            self._cursor += 1
+
+    def _steps(self, channel: int, value: float, index: int) -> list[Step]:
+        if channel == Channel.MODE:
+            mode = int(value)
+            done = Step(f"mode {mode}", lambda: True, 1.0, act=lambda: self._enter(mode))
+            return [*self._modes.steps(mode, self.tool_at(index), self.offset), done]
+        assign = Step("set-points", lambda: True, 1.0, act=lambda: self._set(channel, value))
+        if channel == Channel.POWDER_G_MIN:
+            return [assign, self._modes.powder(value)]
+        if channel in (Channel.CARRIER_GAS_L_MIN, Channel.SHIELD_GAS_L_MIN):
+            return [assign, self._modes.gas(channel == Channel.CARRIER_GAS_L_MIN, value)]
+        return [assign]
+
+    def _enter(self, mode: int) -> None:
+        self.mode = mode
+        if mode != DEPOSIT:
+            self.wanted = Wanted()
+            self._hand.power_wanted_w = 0.0
+            self.is_emission_due = False
+
+    def pass_barrier(self, now: float) -> None:
+        """The sequence is verified: let the stream go up to the next barrier."""
+        self.transaction = None
+        n = self._released + 1
+        while self._cursor < len(self._schedule) and int(self._schedule["n"][self._cursor]) <= n:
+            entry = self._schedule[self._cursor]
+            if not entry["barrier"]:
+                self._set(int(entry["channel"]), float(entry["value"]))
+            self._cursor += 1
+        start = self._released
+        self._released = n  # the search for the next barrier begins behind this line
+        barrier = self.next_barrier
+        self._released = barrier if barrier is not None else self.total
+        if self.program.gate == "stream" and self.mode == DEPOSIT and not self.timeline.is_emitting[max(start - 1, 0)]:
+            self.judge.expect(now)
+        self._d.cnc.release(self._released)
+
+    def restore(self) -> list[Step]:
+        """What has to be verified again before motion goes on after a hold."""
+        steps: list[Step] = []
+        if self.mode == DEPOSIT:
+            steps += self._modes.deposit(self.tool_at(self.line + 1), self.offset)
+            steps += [
+                self._modes.gas(True, self.wanted.carrier_gas_l_min),
+                self._modes.gas(False, self.wanted.shield_gas_l_min),
+            ]
+            steps.append(self._modes.powder(self.wanted.powder_g_min))
+        return steps
+
+    # -- emission ------------------------------------------------------------------------------------------------------
+
+    @property
+    def is_depositing(self) -> bool:
+        """Whether this is a depositing pass: by the in-stream gate's hand within the mode, or by the schedule's EMISSION."""
+        return self.mode == DEPOSIT and (self.program.gate == "stream" or self.is_emission_due)
+
+    def is_run_expected(self, now: float) -> bool:
+        """Whether an Idle in the last report is older than the release behind it, or a dwell that is about to end."""
+        return not self.judge.is_measured and self.judge.is_moving(now)

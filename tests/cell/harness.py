@@ -1,0 +1,179 @@
+"""A whole cell in simulated time: our controller and drivers on one side, the simulated plant on the other; reads like a story."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from cellctl.cell.commands import Commands
+from cellctl.cell.connect import Connection
+from cellctl.cell.controller import Controller, Times
+from cellctl.cell.record import Journal
+from cellctl.cell.tick import Beat
+from cellctl.cell.view import snapshot
+from cellctl.domain.messages import Command, Event, Reply
+from cellctl.domain.snapshot import Snapshot
+from cellctl.domain.states import State
+from config.cell import Cell, load_cell
+from config.device import load_device
+from planner.program import Program
+from sim.world import World
+from tests.cell.plant_wires import ManualClock, PlantWires
+
+UNIX_START = 1_800_000_000.0
+SPINS = 40  # turns of the event loop that one tick's work may take
+ROLES = ("laser", "feeder", "io")
+LONGEST_S = 600.0
+
+
+def shipped_cell(name: str = "trunnion_tcp", **changes: object) -> Cell:
+    """A shipped cell on a serial line that is never the bottleneck."""
+    cell = load_cell(name)
+    cnc = cell.cnc.model_copy(update={"baud": 4_000_000})
+    limits = cell.limits.model_copy(update={"purge_s": 0.5})
+    return cell.model_copy(update={"cnc": cnc, "limits": limits, **changes})
+
+
+class CellUnderTest:
+    """Use as `async with CellUnderTest(store) as cell`."""
+
+    def __init__(self, store: Path, *, cell: Cell | None = None, time_scale: float = 1.0) -> None:
+        self.store = store
+        self.facts = cell or shipped_cell()
+        self.clock = ManualClock()
+        devices = {role: load_device(link.device) for role, link in self.facts.links.items()}
+        self.sim = World(self.facts, devices, time_scale=time_scale)
+        self.sim.wire_interlocks()
+        self.wires = PlantWires(self.facts, devices, self.sim, self.clock)
+        self.time_scale = time_scale
+        self.programs: dict[str, Program] = {}
+        self.events: list[Event] = []
+        self.ids = itertools.count(1)
+        self.max_standstill_emission_w = 0.0
+        self.burnt_lines: set[int] = set()
+        self.is_alive = False
+
+    # -- processes -----------------------------------------------------------------------------------------------------
+
+    async def __aenter__(self) -> CellUnderTest:
+        await self.power_up()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self.is_alive:
+            await self.end()
+
+    async def power_up(self, *, until_idle: bool = True) -> None:
+        """Start a cell process on this plant and store."""
+        self.journal = Journal(self.store)
+        self.journal.on_committed = self.events.extend
+        self.controller = Controller(self.facts, Times(self.clock, self.unix), self.journal)
+        self.commands = Commands(self.controller, self._read)
+        self.connection = Connection(self.controller, self.wires, lambda cnc: None)
+        self.connection.start()
+        self.is_alive = True
+        if until_idle:
+            await self.forward(until=lambda: self.state is not State.OFFLINE, seconds=10)
+
+    async def end(self) -> None:
+        """End the process in order."""
+        self.is_alive = False
+        await self.commands.close()
+        await self.connection.close()
+        self.journal.commit()
+        self.journal.close()
+
+    async def kill(self) -> None:
+        """What kill -9 leaves: nothing is commanded, nothing queued is written, the wires fall silent."""
+        self.is_alive = False
+        self.journal._pending.statements.clear()  # what no commit had reached is lost
+        self.journal._pending.events.clear()
+        for task in self.connection._tasks:
+            task.cancel()
+        await asyncio.gather(*self.connection._tasks, return_exceptions=True)
+        await self.commands.close()
+        self.journal.close()
+
+    async def _read(self, directory: Path) -> tuple[Program, str]:
+        return self.programs[str(directory)], "d" * 64
+
+    def unix(self) -> float:
+        return UNIX_START + self.clock.now()
+
+    # -- time ----------------------------------------------------------------------------------------------------------
+
+    async def forward(self, *, until: Callable[[], bool] | None = None, ticks: int = 0, seconds: float = 0.0) -> None:
+        """Let ticks or wire seconds go by, or as many as it takes until something holds (at most `seconds` then)."""
+        tick = self.facts.limits.tick_s
+        count = ticks or round((seconds or LONGEST_S) / tick)
+        for done in range(count):
+            if until is not None and until():
+                return
+            self.sim.step(tick * self.time_scale)
+            self._witness()
+            self.clock.advance(tick)
+            await self._settle()
+            if self.is_alive:
+                self.controller.tick()
+                await self._settle()
+                if done % 10 == 0:
+                    self.journal.commit()
+        if until is not None:
+            because = f"{self.state}: {self.controller.because}; waiting: {self.snapshot.waiting}; alarms: {list(self.controller.alarms)}"
+            assert until(), f"not within {count * tick:g} s; {because}"
+
+    async def _settle(self) -> None:
+        for _ in range(SPINS):
+            await asyncio.sleep(0)
+
+    def _witness(self) -> None:
+        """Note at the plant what must never be: light at standstill."""
+        trace = self.sim.trace
+        for k in range(len(trace.dt)):
+            if trace.emission_w[k] > 1.0:
+                self.burnt_lines.add(int(trace.line[k]))
+                if trace.dt[k] > 0 and abs(trace.tip1[k] - trace.tip0[k]).max() == 0.0:
+                    self.max_standstill_emission_w = max(self.max_standstill_emission_w, float(trace.emission_w[k]))
+
+    # -- commands ------------------------------------------------------------------------------------------------------
+
+    async def command(self, verb: str, ident: str = "", because: str = "test", **args: Any) -> Reply:
+        """Send a command and let time go by until it is answered."""
+        command = Command(ident or f"c{next(self.ids)}-{self.clock.now()}", verb, "tester", because, args)
+        task = asyncio.get_running_loop().create_task(self.commands.handle(command))
+        await self._settle()
+        while not task.done():
+            await self.forward(ticks=1)
+        return task.result()
+
+    async def start(self, program: Program, job: str = "job-1", ident: str = "") -> Reply:
+        """Start a Program as a job."""
+        self.programs[job] = program
+        return await self.command("start", ident, job=job, name=program.part_name, program=job)
+
+    # -- questions -----------------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> State:
+        return self.controller.state
+
+    @property
+    def snapshot(self) -> Snapshot:
+        return snapshot(self.controller, 1, Beat(self.facts.limits.tick_s))
+
+    @property
+    def outcome(self) -> str:
+        return self.controller.ended.view.outcome if self.controller.ended else ""
+
+    def is_depositing(self) -> bool:
+        """Whether the plant emits on a bead that is well under way."""
+        return self.sim.laser.is_emitting and self.sim.tip_speed_mm_s > 5.0 and self.snapshot.lines.executing > 9
+
+    def is_state(self, *states: State) -> Callable[[], bool]:
+        return lambda: self.state in states
+
+    def has_event(self, kind: str, words: str = "") -> bool:
+        return any(event.kind == kind and words in event.text for event in self.events)
