@@ -58,7 +58,9 @@ def write_program(program: Program, directory: str | Path) -> None:
         for name, content in files.items():
             (folder / name).write_bytes(content)
     except OSError as error:
-        raise FileFormatError(f"{folder}: cannot be written: {error.strerror}", "name a directory that can be written") from None
+        raise FileFormatError(
+            f"{folder}: cannot be written: {error.strerror}", "name a directory that can be written"
+        ) from None
 
 
 def read_program(directory: str | Path) -> Program:
@@ -94,7 +96,9 @@ def _layers(program: Program) -> list[tuple[str, tuple[str, ...]]]:
     """File name and lines of the set-up and of each layer."""
     edges = [0, *program.layer_starts.tolist()]
     edges[-1] = len(program.lines)
-    return [(f"layer_{k:04d}.ngc", program.lines[begin:end]) for k, (begin, end) in enumerate(itertools.pairwise(edges))]
+    return [
+        (f"layer_{k:04d}.ngc", program.lines[begin:end]) for k, (begin, end) in enumerate(itertools.pairwise(edges))
+    ]
 
 
 def _text(lines: tuple[str, ...]) -> bytes:
@@ -156,4 +160,6 @@ def _content(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read: {error.strerror}", "name the directory that `cellctl post` wrote") from None
+        raise FileFormatError(
+            f"{path}: cannot be read: {error.strerror}", "name the directory that `cellctl post` wrote"
+        ) from None

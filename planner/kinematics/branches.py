@@ -20,7 +20,9 @@ def shortest_branches(angles: Floats, is_allowed: Bools, start: Floats) -> Ints:
     angles : (n, 2, 2) float, deg: row, branch, joint   is_allowed : (n, 2) bool   start : (2,) float, deg, where the machine stands
     Dynamic programming over the rows; a branch that is not allowed is taken only where the other one is not either.
     """
-    return np.asarray(_shortest(np.ascontiguousarray(angles), is_allowed, np.asarray(start, dtype=np.float64)), dtype=np.int64)
+    return np.asarray(
+        _shortest(np.ascontiguousarray(angles), is_allowed, np.asarray(start, dtype=np.float64)), dtype=np.int64
+    )
 
 
 def unwrapped(angles: Floats, start: Floats) -> Floats:

@@ -125,7 +125,10 @@ class Chain:
             )
         first, second = self.rotary
         if float(np.linalg.norm(np.cross(first.direction, second.direction))) < _PARALLEL:
-            raise PostError(f"cell {name}: rotary joints {first.letter} and {second.letter} are parallel", "correct their directions")
+            raise PostError(
+                f"cell {name}: rotary joints {first.letter} and {second.letter} are parallel",
+                "correct their directions",
+            )
         ways = self.linear_directions(np.zeros((1, 5)))[0]
         if abs(float(np.linalg.det(ways))) < _PARALLEL:
             raise PostError(f"cell {name}: the linear joints do not span space", "correct their directions")
@@ -136,5 +139,7 @@ def rotated(vectors: Floats, direction: Floats, angle_deg: Floats) -> Floats:
     radians = np.deg2rad(angle_deg)[:, None]
     along = (vectors @ direction)[:, None] * direction
     across = vectors - along
-    turned = along + np.cos(radians) * across + np.sin(radians) * np.cross(direction, vectors)
+    x, y, z = direction
+    crossed = vectors @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # direction x vector, row by row
+    turned = along + np.cos(radians) * across + np.sin(radians) * crossed
     return np.asarray(turned, dtype=np.float64)

@@ -39,7 +39,9 @@ class RotaryPair:
         pair = cls(first, second, (-1.0 if mixed else 1.0, 1.0), both_table)
         fixed = first if both_table else second
         if float(np.linalg.norm(np.cross(fixed.direction, TOOL_AXIS))) < 1e-6:
-            raise PostError(f"rotary joint {fixed.letter} only turns the tool about itself", "correct the joint's direction")
+            raise PostError(
+                f"rotary joint {fixed.letter} only turns the tool about itself", "correct the joint's direction"
+            )
         return pair
 
     @property

@@ -21,7 +21,11 @@ def axis_limited_times(moves: Floats, times: Floats, max_velocity: Floats) -> Fl
 
 
 def predicted_times(
-    moves: Floats, times: Floats, stops: NDArray[np.bool_], max_acceleration: Floats, deviation: float = JUNCTION_DEVIATION
+    moves: Floats,
+    times: Floats,
+    stops: NDArray[np.bool_],
+    max_acceleration: Floats,
+    deviation: float = JUNCTION_DEVIATION,
 ) -> Floats:
     """(n,) float, s: time of each block when the machine accelerates, brakes and looks ahead.
 

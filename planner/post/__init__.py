@@ -35,9 +35,13 @@ class PostReport:
     @property
     def findings(self) -> tuple[str, ...]:
         """One line each."""
-        told = [f"tip within {self.reread.max_tip_mm:.4f} mm, axis within {self.reread.max_axis_deg:.4f} deg of the plan"]
+        told = [
+            f"tip within {self.reread.max_tip_mm:.4f} mm, axis within {self.reread.max_axis_deg:.4f} deg of the plan"
+        ]
         if self.counts.slowed_blocks:
-            told.append(f"{self.counts.slowed_blocks} moves slowed to what the controller takes per second (max_blocks_per_s)")
+            told.append(
+                f"{self.counts.slowed_blocks} moves slowed to what the controller takes per second (max_blocks_per_s)"
+            )
         if self.counts.limited_blocks:
             told.append(f"{self.counts.limited_blocks} moves slowed by an axis' velocity")
         if self.counts.positionings:

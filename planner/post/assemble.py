@@ -143,4 +143,3 @@ def _table(items: NDArray[np.void], times: Floats, cell: Cell, chain: Chain, pla
         table["tip_end"][of_tool] = tip @ build_from_table[:3, :3].T + build_from_table[:3, 3]
         table["axis_end"][of_tool] = axis @ build_from_table[:3, :3].T
     return table
-

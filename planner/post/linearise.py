@@ -68,7 +68,9 @@ def linearise(
     for _ in range(_MAX_HALVINGS):
         rows = _joined(curves, samples)
         poses = solver.solve(rows, start, places)
-        wide = _wide_moves(curves, solver, rows, poses, _MOTION_SHARE * tip_tolerance_mm, _MOTION_SHARE * axis_tolerance_deg)
+        wide = _wide_moves(
+            curves, solver, rows, poses, _MOTION_SHARE * tip_tolerance_mm, _MOTION_SHARE * axis_tolerance_deg
+        )
         if wide.size == 0:
             break
         _halve(curves, samples, rows, wide)
@@ -101,7 +103,9 @@ def _joined(curves: Sequence[PassCurve], samples: Sequence[_Samples]) -> Rows:
 
 
 def _only(rows: Rows, kept: Bools) -> Rows:
-    return Rows(rows.tip[kept], rows.axis[kept], rows.arc_mm[kept], rows.parameter[kept], rows.pass_[kept], rows.is_rapid[kept])
+    return Rows(
+        rows.tip[kept], rows.axis[kept], rows.arc_mm[kept], rows.parameter[kept], rows.pass_[kept], rows.is_rapid[kept]
+    )
 
 
 def _wide_moves(

@@ -36,7 +36,9 @@ class PassCurve:
         self.length_mm = float(self._reached[-1]) if self._is_polyline else source.tip.length
         self._constant_axis: Floats | None = None
         if not isinstance(source.axis, Curve):
-            self._constant_axis = _unit(np.asarray(source.axis, dtype=np.float64).reshape(1, 3), place) @ self._rotation.T
+            self._constant_axis = (
+                _unit(np.asarray(source.axis, dtype=np.float64).reshape(1, 3), place) @ self._rotation.T
+            )
         self._check()
 
     @property
@@ -107,14 +109,19 @@ class PassCurve:
         if self.source.setpoints.ndim != 2 or self.source.setpoints.shape[1] != 5 or len(arcs) == 0 or arcs[0] != 0.0:
             raise PostError(f"{self.place}: set-points must be rows of 5 from arc length 0", "plan the part again")
         if not np.all(np.isfinite(self.source.setpoints)) or np.any(np.diff(arcs) <= 0.0):
-            raise PostError(f"{self.place}: set-points must be finite and in order of arc length", "plan the part again")
+            raise PostError(
+                f"{self.place}: set-points must be finite and in order of arc length", "plan the part again"
+            )
         if arcs[-1] > self.length_mm + ARC_SLACK_MM:
             raise PostError(
                 f"{self.place}: a set-point at {arcs[-1]:.3f} mm lies behind the end of the pass at {self.length_mm:.3f} mm",
                 "plan the part again",
             )
         if not self.source.rapid and not np.all(self.source.setpoints[:, 1] > 0.0):
-            raise PostError(f"{self.place}: a feed of {self.source.setpoints[:, 1].min():g} mm/s does not move", "plan the part again")
+            raise PostError(
+                f"{self.place}: a feed of {self.source.setpoints[:, 1].min():g} mm/s does not move",
+                "plan the part again",
+            )
 
 
 def _unit(vectors: Floats, place: str) -> Floats:

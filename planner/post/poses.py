@@ -22,7 +22,9 @@ CONE_SHARE = 0.25
 """Of the axis tolerance: half angle of the cone about the spin joint in which its angle is kept rather than followed."""
 SAME_POSE = 1e-3
 """mm or deg: joints nearer than this are one pose; passes that meet so follow each other without positioning."""
-_ELSEWHERE = 1e-9  # weight of the way outside rapid links, when a spin angle has to change where the tool axis leaves it free
+_ELSEWHERE = (
+    1e-9  # weight of the way outside rapid links, when a spin angle has to change where the tool axis leaves it free
+)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,10 @@ class Positioner:
         lifts = chain.linear_directions(np.zeros((1, 5)))[0] @ TOOL_AXIS
         best = int(np.argmax(np.abs(lifts)))
         if abs(float(lifts[best])) < _UPRIGHT:
-            raise PostError(f"cell {cell.name}: no linear axis moves the tool away from the table", "correct the directions of the joints")
+            raise PostError(
+                f"cell {cell.name}: no linear axis moves the tool away from the table",
+                "correct the directions of the joints",
+            )
         joint = chain.linear[best]
         self._column = joint.column
         axis = cell.axis(joint.letter)

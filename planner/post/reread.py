@@ -20,7 +20,8 @@ Ints = NDArray[np.int64]
 
 _WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
 _PROBES = (0.25, 0.5, 0.75, 1.0)
-_FEED_SLACK = 0.01  # relative: a chord is shorter than its arc, words are rounded
+_FEED_SLACK = 0.005  # relative: the tip's speed varies a little within a move whose rotary joints turn
+_ROUNDING_SHARE = 0.4  # of the chord tolerance: what rounding of all words may add to a move
 _SAME_ARC_MM = 1e-6
 
 
@@ -46,7 +47,7 @@ class Reading:
 class RereadReport:
     """Largest differences between text and Plan.
 
-    max_tip_mm, max_axis_deg : over all passes   max_feed_ratio : programmed over planned feed, 1 at most but for rounding
+    max_tip_mm, max_axis_deg : over all passes   max_feed_ratio : speed of the tip over the planned feed, 1 at most but for rounding
     setpoints_ok : gate, laser level, powder and gas of every process line are those of the Plan; faults says where not
     """
 
@@ -68,7 +69,11 @@ def read(program: Program) -> Reading:
     here = joints[0].copy()
     for i, line in enumerate(program.lines):
         words = _WORD.findall(line)
-        if "".join(f"{letter}{value}" for letter, value in words) != line.replace(" ", "") or not words or words[0] != ("N", str(i + 1)):
+        if (
+            "".join(f"{letter}{value}" for letter, value in words) != line.replace(" ", "")
+            or not words
+            or words[0] != ("N", str(i + 1))
+        ):
             raise PostError(f"line {i + 1} cannot be read back: {line!r}", "report this program")
         moved, fresh_feed, tool_word, dwell = False, False, None, False
         before = here.copy()
@@ -99,7 +104,9 @@ def read(program: Program) -> Reading:
                 raise PostError(f"line {i + 1} has no feed: {line!r}", "report this program")
             numbers[i, 0] = 60.0 / feed if by_time else 60.0 * float(np.linalg.norm(here - before)) / feed
         numbers[i, 1:] = tool, rpm
-    return Reading(joints, flags[:, 0], flags[:, 1], flags[:, 2], numbers[:, 0], numbers[:, 1].astype(np.int64), numbers[:, 2])
+    return Reading(
+        joints, flags[:, 0], flags[:, 1], flags[:, 2], numbers[:, 0], numbers[:, 1].astype(np.int64), numbers[:, 2]
+    )
 
 
 def check(program: Program, plan: Plan, cell: Cell, chain: Chain | None = None) -> RereadReport:
@@ -109,22 +116,24 @@ def check(program: Program, plan: Plan, cell: Cell, chain: Chain | None = None) 
     """
     chain = chain or Chain.from_cell(cell)
     reading = read(program)
+    rounding_mm = _ROUNDING_SHARE * cell.chord_tolerance_mm
     table = program.table
     levels = _levels(program)
-    tips = {tool.number: np.array(tool.tip_mm) for tool in cell.tools}
     worst = np.zeros(3)
     faults: list[str] = []
     moving = np.flatnonzero(reading.is_motion & (table["pass_"] >= 0))
     key = table["operation"][moving].astype(np.int64) * (1 << 31) + table["pass_"][moving]
-    groups = np.split(moving, np.flatnonzero(np.diff(key)) + 1) if moving.size else []
+    groups = np.split(np.arange(len(moving)), np.flatnonzero(np.diff(key)) + 1) if moving.size else []
+    paths = _paths(chain, reading, moving, {tool.number: np.array(tool.tip_mm) for tool in cell.tools})
     operations = plan.operations
-    for lines in groups:
+    for group in groups:
+        lines = moving[group]
         number, index = int(table["operation"][lines[0]]), int(table["pass_"][lines[0]])
         item = operations[number].passes[index]
         place = f"pass {index} of operation {number}"
         curve = PassCurve(item, program.machine_from_build, place)
-        errors = _geometry(chain, reading, table, lines, curve, tips[int(reading.tool[lines[0]])])
-        ratio = _feed_ratio(reading, table, lines, item, curve)
+        errors = _geometry(paths[0][:, group], paths[1][:, group], table, lines, curve)
+        ratio = _feed_ratio(paths[0][:, group], reading, table, lines, item, curve, rounding_mm)
         worst = np.maximum(worst, [*errors, ratio])
         if operations[number].process.is_deposit:
             faults += _set_point_faults(program.gate, reading, table, levels, lines, item, curve)
@@ -133,17 +142,27 @@ def check(program: Program, plan: Plan, cell: Cell, chain: Chain | None = None) 
     return RereadReport(float(worst[0]), float(worst[1]), float(worst[2]), not faults, tuple(faults[:20]))
 
 
+def _paths(chain: Chain, reading: Reading, moving: Ints, tool_tips: dict[int, Floats]) -> tuple[Floats, Floats]:
+    """True tips and axes, (5, k, 3) each, at the start and the quarters of the moving lines (k,), table frame."""
+    shares = np.array((0.0, *_PROBES))
+    before, after = reading.joints[moving], reading.joints[moving + 1]
+    joints = before + shares[:, None, None] * (after - before)
+    tips, axes = np.empty((len(shares), len(moving), 3)), np.empty((len(shares), len(moving), 3))
+    for number in np.unique(reading.tool[moving]):
+        of_tool, tool_tip = np.flatnonzero(reading.tool[moving] == number), tool_tips[int(number)]
+        tip, axis = chain.forward(joints[:, of_tool].reshape(-1, joints.shape[2]), tool_tip)
+        tips[:, of_tool], axes[:, of_tool] = tip.reshape(-1, len(of_tool), 3), axis.reshape(-1, len(of_tool), 3)
+    return tips, axes
+
+
 def _geometry(
-    chain: Chain, reading: Reading, table: NDArray[np.void], lines: Ints, curve: PassCurve, tool_tip: Floats
+    tips: Floats, axes: Floats, table: NDArray[np.void], lines: Ints, curve: PassCurve
 ) -> tuple[float, float]:
-    """Largest distance of the true tip from the pass, mm, and of the axis, deg."""
-    before, after = reading.joints[lines], reading.joints[lines + 1]
+    """Largest distance of the true tip (5, k, 3) from the pass, mm, and of the axis, deg."""
     start, span = table["arc_start_mm"][lines], table["arc_end_mm"][lines] - table["arc_start_mm"][lines]
-    shares = np.repeat(_PROBES, len(lines))
-    joints = np.tile(before, (4, 1)) + shares[:, None] * np.tile(after - before, (4, 1))
-    tip, axis = chain.forward(joints, tool_tip)
-    chord = np.tile(chain.forward(after, tool_tip)[0] - chain.forward(before, tool_tip)[0], (4, 1))
-    arcs = np.tile(start, 4) + shares * np.tile(span, 4)
+    arcs = (start + np.array(_PROBES)[:, None] * span).ravel()
+    tip, axis = tips[1:].reshape(-1, 3), axes[1:].reshape(-1, 3)
+    chord = np.tile(tips[-1] - tips[0], (len(_PROBES), 1))
     u = curve.at_arc_length(arcs)
     off = tip - curve.tips(u)
     length = np.linalg.norm(chord, axis=1)
@@ -155,13 +174,15 @@ def _geometry(
     return float(distance.max()), float(np.rad2deg(2.0 * np.arcsin(np.clip(half, 0.0, 1.0)).max()))
 
 
-def _feed_ratio(reading: Reading, table: NDArray[np.void], lines: Ints, item: Pass, curve: PassCurve) -> float:
-    """Largest programmed feed over the planned one, 0 for rapids."""
+def _feed_ratio(
+    tips: Floats, reading: Reading, table: NDArray[np.void], lines: Ints, item: Pass, curve: PassCurve, rounding_mm: float
+) -> float:
+    """Largest speed of the true tip (5, k, 3), but for rounding, over the planned feed; 0 for rapids."""
     if item.rapid:
         return 0.0
     row = np.searchsorted(curve.set_point_arcs, table["arc_start_mm"][lines] + _SAME_ARC_MM, side="right") - 1
-    planned = (table["arc_end_mm"][lines] - table["arc_start_mm"][lines]) / item.setpoints[row, 1]
-    return float(np.max(planned / np.maximum(reading.time_s[lines], 1e-9)))
+    way = np.linalg.norm(np.diff(tips, axis=0), axis=2).sum(axis=0)
+    return float(np.max((way - rounding_mm) / (np.maximum(reading.time_s[lines], 1e-9) * item.setpoints[row, 1])))
 
 
 def _levels(program: Program) -> Floats:
@@ -198,6 +219,8 @@ def verify(report: RereadReport, cell: Cell) -> None:
             "raise chord_tolerance_mm or axis_tolerance_deg of the cell file",
         )
     if report.max_feed_ratio > 1.0 + _FEED_SLACK:
-        raise PostError(f"the written program is {report.max_feed_ratio:.4f} times as fast as the plan", "report this program")
+        raise PostError(
+            f"the written program is {report.max_feed_ratio:.4f} times as fast as the plan", "report this program"
+        )
     if not report.setpoints_ok:
         raise PostError(f"the written program breaks the plan's set-points: {report.faults[0]}", "report this program")

@@ -64,7 +64,9 @@ def _check_linear_travel(corners: Floats, cell: Cell, chain: Chain, placed: Floa
     upright = np.tile(placed[:3, 2], (len(corners), 1))
     solver = PoseSolver(chain, cell, np.array(tool.tip_mm))
     zeros = np.zeros(len(corners))
-    rows = Rows(corners, upright, zeros, zeros, np.zeros(len(corners), dtype=np.int64), np.zeros(len(corners), dtype=np.bool_))
+    rows = Rows(
+        corners, upright, zeros, zeros, np.zeros(len(corners), dtype=np.int64), np.zeros(len(corners), dtype=np.bool_)
+    )
     poses = solver.solve(rows, np.zeros(5), ["the corners of the part's box"])
     columns = list(RotaryPair.of(chain).columns)
     joints = np.zeros_like(poses.joints)
@@ -76,7 +78,9 @@ def _check_linear_travel(corners: Floats, cell: Cell, chain: Chain, placed: Floa
         over = max(axis.min - least, most - axis.max)
         if over > _SLACK_MM:
             larger = most - least - (axis.max - axis.min)
-            what = "take a larger machine or divide the part" if larger > 0 else "move the part (placement.part_origin_mm)"
+            what = (
+                "take a larger machine or divide the part" if larger > 0 else "move the part (placement.part_origin_mm)"
+            )
             raise PostError(
                 f"axis {axis.letter}: the part needs {least:.1f} ... {most:.1f} mm with tool {tool.number}, travel is "
                 f"{axis.min:g} ... {axis.max:g} mm: {over:.1f} mm too far",

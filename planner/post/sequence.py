@@ -74,7 +74,9 @@ class Sequencer:
             return
         origin = Origin(LineKind.LINK, operation.layer, number)
         curves = [
-            PassCurve(item, self.placed, f"pass {index} of operation {number} ({operation.process}), layer {operation.layer}")
+            PassCurve(
+                item, self.placed, f"pass {index} of operation {number} ({operation.process}), layer {operation.layer}"
+            )
             for index, item in enumerate(operation.passes)
         ]
         tool = tool_for(operation, self.cell)

@@ -95,7 +95,9 @@ class Tape:
         item = self.command("", origin, stops=True)
         self.dwells[item] = (least_s, since_item)
 
-    def moves(self, joints: Floats, arcs_mm: Floats, times_s: Floats, move: Move, origin: Origin, named: int = 0) -> int:
+    def moves(
+        self, joints: Floats, arcs_mm: Floats, times_s: Floats, move: Move, origin: Origin, named: int = 0
+    ) -> int:
         """Add straight joint moves to (n, 5) joints; arcs_mm : (n + 1,) at their ends; named : bits of axes. Returns the first item."""
         items = self._items(len(joints), origin)
         items["joints"] = joints
@@ -118,7 +120,12 @@ class Tape:
 
     def _items(self, count: int, origin: Origin) -> NDArray[np.void]:
         items = np.zeros(count, ITEM_DTYPE)
-        items["kind"], items["layer"], items["operation"], items["pass_"] = origin.kind, origin.layer, origin.operation, origin.pass_
+        items["kind"], items["layer"], items["operation"], items["pass_"] = (
+            origin.kind,
+            origin.layer,
+            origin.operation,
+            origin.pass_,
+        )
         items["tool"], items["chunk"], items["command"] = self.tool, len(self._chunks), -1
         return items
 

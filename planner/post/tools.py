@@ -21,7 +21,10 @@ def tool_for(operation: Operation, cell: Cell) -> Tool:
     if operation.process.is_deposit:
         heads = [tool for tool in cell.tools if tool.kind == "deposition"]
         if not heads:
-            raise PostError(f"cell {cell.name} has no deposition head; it has {_listed(cell)}", "add one to [[tools]] of the cell file")
+            raise PostError(
+                f"cell {cell.name} has no deposition head; it has {_listed(cell)}",
+                "add one to [[tools]] of the cell file",
+            )
         return heads[0]
     kinds = _CUTTERS[operation.process]
     wanted = operation.cutter_diameter_mm
@@ -37,7 +40,10 @@ def tool_for(operation: Operation, cell: Cell) -> Tool:
 
 def _checked(tool: Tool, operation: Operation) -> Tool:
     if not operation.spindle_rpm > 0.0:
-        raise PostError(f"{operation.process}, layer {operation.layer}: the spindle would stand (0 1/min asked)", "plan the part again")
+        raise PostError(
+            f"{operation.process}, layer {operation.layer}: the spindle would stand (0 1/min asked)",
+            "plan the part again",
+        )
     if operation.spindle_rpm > tool.max_rpm:
         raise PostError(
             f"{operation.process}, layer {operation.layer}: {operation.spindle_rpm:g} 1/min asked, tool {tool.number} allows {tool.max_rpm:g}",
