@@ -201,7 +201,9 @@ class Faults:
 
     def until_next(self, now_s: float) -> float:
         """Seconds to the next timed one; infinite without."""
-        return min((max(fault.at_s - now_s, 0.0) for fault in self.pending if fault.at_s is not None), default=float("inf"))
+        return min(
+            (max(fault.at_s - now_s, 0.0) for fault in self.pending if fault.at_s is not None), default=float("inf")
+        )
 
     def strike(self, world: World) -> None:
         """Let everything happen that is due."""

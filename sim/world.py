@@ -91,16 +91,18 @@ class World:
         pieces = self.cnc.machine.motion.pieces
         dt = pieces[:, la.DURATION].copy()
         powder = self.feeder.step(dt, wire_dt_s)
-        if self._gate_bit:
-            gates = ((pieces[:, la.PIECE_OUTPUTS].astype(np.int64) & self._gate_bit) != 0).astype(np.float64)
-        else:
-            gates = np.ones(len(dt))
-        emission = self.laser.step(gates, dt, wire_dt_s)
+        emission = self.laser.step(self._gates(pieces), dt, wire_dt_s)
         self.time_s += dt_s
         self.wire_time_s += wire_dt_s
         self.trace = self._trace_of(pieces, emission, powder)
         if self.metal is not None:
             self.metal.apply(self.trace)
+
+    def _gates(self, pieces: Floats) -> Floats:
+        """(k,) 1 where the wired gate is open; a cell without one has it open always."""
+        if not self._gate_bit:
+            return np.ones(len(pieces))
+        return np.asarray((pieces[:, la.PIECE_OUTPUTS].astype(np.int64) & self._gate_bit) != 0, dtype=np.float64)
 
     def _trace_of(self, pieces: Floats, emission: Floats, powder: Floats) -> Trace:
         machine = self.cnc.machine

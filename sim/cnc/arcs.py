@@ -9,6 +9,7 @@ from sim.cnc.codes import ARC_RADIUS, INVALID_TARGET, GcodeError
 ARC_TOLERANCE_MM = 0.002  # grbl's default of $12
 RADIUS_ERROR_MM = 0.005  # grbl: largest difference of start and end radius taken without a relative test
 RADIUS_ERROR_LIMIT_MM = 0.5
+ANGLE_EPS = 5e-7  # rad, grbl: start and end on one ray mean a full circle
 
 
 def centre_from_radius(x: float, y: float, radius: float, clockwise: bool) -> tuple[float, float]:
@@ -44,11 +45,11 @@ def segments(
         raise GcodeError(INVALID_TARGET)
     first = math.atan2(start[j] - cy, start[i] - cx)
     sweep = math.atan2(end[j] - cy, end[i] - cx) - first
-    if clockwise:
-        sweep = sweep - 2 * math.pi if sweep >= -5e-7 else sweep
-    else:
-        sweep = sweep + 2 * math.pi if sweep <= 5e-7 else sweep
-    if abs(sweep) > 2 * math.pi + 5e-7:
+    if clockwise and sweep >= -ANGLE_EPS:
+        sweep -= 2 * math.pi
+    elif not clockwise and sweep <= ANGLE_EPS:
+        sweep += 2 * math.pi
+    if abs(sweep) > 2 * math.pi + ANGLE_EPS:
         sweep -= math.copysign(2 * math.pi, sweep)
     step = 2.0 * math.acos(max(1.0 - ARC_TOLERANCE_MM / radius, 0.0))
     count = max(1, math.ceil(abs(sweep) / step))

@@ -35,7 +35,9 @@ class Firmware:
         letters = "".join(cell.letters)
         rpm_max = max(each.max_rpm for each in cell.tools)
         simulation = cell.simulation
-        self.build = build_of(cell.cnc.firmware, letters, len(cell.tools), simulation.rx_bytes, simulation.planner_blocks)
+        self.build = build_of(
+            cell.cnc.firmware, letters, len(cell.tools), simulation.rx_bytes, simulation.planner_blocks
+        )
         self.settings = default_settings(self.build, cell.axes, rpm_max)
         start = [axis.home for axis in cell.axes]
         work_offset = [cell.placement.work_offset.get(letter, 0.0) for letter in letters]
@@ -260,7 +262,11 @@ class Firmware:
         feed += FEED_STEPS.get(byte, 0)
         spindle += SPINDLE_STEPS.get(byte, 0)
         rapid = RAPID_PERCENT.get(byte, rapid)
-        self.overrides = [min(max(feed, OVERRIDE_MIN), OVERRIDE_MAX), rapid, min(max(spindle, OVERRIDE_MIN), OVERRIDE_MAX)]
+        self.overrides = [
+            min(max(feed, OVERRIDE_MIN), OVERRIDE_MAX),
+            rapid,
+            min(max(spindle, OVERRIDE_MIN), OVERRIDE_MAX),
+        ]
         self.machine.motion.override(self.overrides[0] / 100.0, rapid / 100.0)
         self.machine.spindle_override = self.overrides[2] / 100.0
         self._report.refresh()

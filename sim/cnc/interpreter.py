@@ -57,7 +57,9 @@ class Block:
 class Interpreter:
     """Modal state, offsets and the position that the parser has reached (machine coordinates, order of the axes)."""
 
-    def __init__(self, axes: Sequence[Axis], work_offset: Sequence[float], position: Sequence[float], rpm_max: float) -> None:
+    def __init__(
+        self, axes: Sequence[Axis], work_offset: Sequence[float], position: Sequence[float], rpm_max: float
+    ) -> None:
         self.index = {axis.letter: i for i, axis in enumerate(axes)}
         self.is_linear = [axis.kind == "linear" for axis in axes]
         self.offsets = Offsets(len(axes), systems={540: list(work_offset)}, g28=[axis.home for axis in axes])

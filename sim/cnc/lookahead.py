@@ -34,8 +34,16 @@ TIME_EPS = 1e-12
 
 @njit(cache=True)
 def append(
-    blocks: Floats, state: Floats, target: Floats, limits: Floats, deviation: float, kind: int, value: float, line: float,
-    set_mask: float, clear_mask: float,
+    blocks: Floats,
+    state: Floats,
+    target: Floats,
+    limits: Floats,
+    deviation: float,
+    kind: int,
+    value: float,
+    line: float,
+    set_mask: float,
+    clear_mask: float,
 ) -> bool:
     """Plan a move to `target` (n,); limits (n, 3): max velocity, max acceleration, 1 if rotary. False when it has no length."""  # fmt: skip
     n = limits.shape[0]
@@ -67,7 +75,12 @@ def append(
     elif kind == 2:
         programmed = length / value
     block[LENGTH], block[PROGRAMMED], block[CAP], block[ACCELERATION] = length, programmed, cap, acceleration
-    block[IS_RAPID], block[LINE], block[SET_MASK], block[CLEAR_MASK] = 1.0 if kind == 0 else 0.0, line, set_mask, clear_mask
+    block[IS_RAPID], block[LINE], block[SET_MASK], block[CLEAR_MASK] = (
+        1.0 if kind == 0 else 0.0,
+        line,
+        set_mask,
+        clear_mask,
+    )
     block[ENTRY] = block[JUNCTION] = 0.0
     if state[COUNT] > 0:
         block[JUNCTION] = junction_speed(blocks[(slot - 1) % blocks.shape[0]], block, limits, deviation)
@@ -130,7 +143,9 @@ def replan(blocks: Floats, state: Floats, feed_override: float, rapid_override: 
 
 
 @njit(cache=True)
-def next_phase(v: float, a: float, room: float, nominal: float, exit_speed: float, braking: bool) -> tuple[float, float]:
+def next_phase(
+    v: float, a: float, room: float, nominal: float, exit_speed: float, braking: bool
+) -> tuple[float, float]:
     """Acceleration and duration of the next phase of constant acceleration; (0, 0) when standing still for good.
 
     v, a, nominal, exit_speed in path units/s(2), room in path units to the block's end. With `braking` the goal is standstill.
@@ -181,13 +196,21 @@ def write_pieces(out: Floats, row: int, block: Floats, state: Floats, rotary: Fl
             piece[TO + i] = block[TARGET + i] - block[UNIT + i] * max(back - s1, 0.0)
     state[DISTANCE] += travelled
     state[SPEED] = max(v + a * duration, 0.0)
-    return row + parts
+    return int(row + parts)
 
 
 @njit(cache=True)
 def advance(
-    blocks: Floats, state: Floats, out: Floats, row: int, rotary: Floats, dt: float, braking: bool, feed_override: float,
-    rapid_override: float, stop_count: int,
+    blocks: Floats,
+    state: Floats,
+    out: Floats,
+    row: int,
+    rotary: Floats,
+    dt: float,
+    braking: bool,
+    feed_override: float,
+    rapid_override: float,
+    stop_count: int,
 ) -> tuple[int, float]:
     """Move along the planned blocks for at most dt (s), until none are left, standstill while braking, or only `stop_count` are left.
 

@@ -37,7 +37,12 @@ class Machine:
     """State of everything that moves. `say_alarm(n)` is called when an alarm is raised, `on_flush()` when planned motion was dropped."""
 
     def __init__(
-        self, axes: Sequence[Axis], capacity: int, start: Sequence[float], say_alarm: Callable[[int], None], on_flush: Callable[[], None]
+        self,
+        axes: Sequence[Axis],
+        capacity: int,
+        start: Sequence[float],
+        say_alarm: Callable[[int], None],
+        on_flush: Callable[[], None],
     ) -> None:
         self.motion = Motion(axes, capacity, start)
         self.home_position = [axis.home for axis in axes]

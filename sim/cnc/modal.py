@@ -45,6 +45,7 @@ class Modal:
 
     def words(self, tool: int) -> str:
         """The `[GC:...]` report."""
+
         def g(code: int) -> str:
             return f"G{code // 10}" + (f".{code % 10}" if code % 10 else "")
 

@@ -23,7 +23,9 @@ class Motion:
     def __init__(self, axes: Sequence[Axis], capacity: int, start: Sequence[float]) -> None:
         self.capacity = capacity
         self.n = len(axes)
-        self.limits = np.array([[axis.max_velocity, axis.max_acceleration, float(axis.kind == "rotary")] for axis in axes])
+        self.limits = np.array(
+            [[axis.max_velocity, axis.max_acceleration, float(axis.kind == "rotary")] for axis in axes]
+        )
         self._rotary = np.ascontiguousarray(self.limits[:, 2])
         self._blocks = np.zeros((capacity + 1, la.BLOCK_COLUMNS))
         self._state = np.zeros(la.STATE_SIZE)
@@ -164,7 +166,12 @@ class Motion:
             self._out = np.concatenate((self._out, np.zeros_like(self._out)))
         row = self._out[self._row]
         here = self.position
-        row[la.DURATION], row[la.PIECE_OUTPUTS], row[la.PIECE_LINE], row[la.PIECE_SPEED] = dt, self.outputs, self.line, 0.0
+        row[la.DURATION], row[la.PIECE_OUTPUTS], row[la.PIECE_LINE], row[la.PIECE_SPEED] = (
+            dt,
+            self.outputs,
+            self.line,
+            0.0,
+        )
         row[la.FROM : la.FROM + self.n] = here
         row[la.TO : la.TO + self.n] = here
         self._row += 1

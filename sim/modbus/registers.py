@@ -12,7 +12,13 @@ ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE, DEVICE_BUSY = 
 
 # struct codes of the value as it stands in big-endian registers
 FORMATS = {"uint16": ">H", "int16": ">h", "uint32": ">I", "int32": ">i", "float32": ">f"}
-RANGES = {"bit": (0, 1), "uint16": (0, 0xFFFF), "int16": (-0x8000, 0x7FFF), "uint32": (0, 0xFFFF_FFFF), "int32": (-(1 << 31), (1 << 31) - 1)}
+RANGES = {
+    "bit": (0, 1),
+    "uint16": (0, 0xFFFF),
+    "int16": (-0x8000, 0x7FFF),
+    "uint32": (0, 0xFFFF_FFFF),
+    "int32": (-(1 << 31), (1 << 31) - 1),
+}
 
 
 class ModbusFault(Exception):
@@ -54,7 +60,7 @@ class RegisterBank:
     def __init__(self, device: Device, signals: Signals) -> None:
         self._signals = signals
         self._registers = device.registers
-        self._places = {
+        self._places: dict[tuple[str, int], tuple[str, int]] = {
             (register.table, register.address + k): (name, k)
             for name, register in device.registers.items()
             for k in range(register.count)

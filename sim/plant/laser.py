@@ -111,6 +111,9 @@ class Laser(Signals):
         values["emission"] = float(self.is_emitting)
         values["interlock_word"] = float(self.interlocks)
         values["fault_word"] = float(self.faults)
-        for name, value in (("power_setpoint_readback", values["power_setpoint"]), ("temperature", self.temperature_deg_c)):
+        for name, value in (
+            ("power_setpoint_readback", values["power_setpoint"]),
+            ("temperature", self.temperature_deg_c),
+        ):
             if name in values:
                 values[name] = value

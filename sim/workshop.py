@@ -1,0 +1,165 @@
+"""The metal of a running simulated cell: clamps a plate, follows the motion in a thread of its own, measures what was built."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from skimage.measure import marching_cubes
+
+from config import Cell, ConfigError, load_material
+from sim.compare import Deviation, compare
+from sim.control import Answer, CommandError
+from sim.process.metal import Metal
+from sim.process.stock import Stock
+from sim.process.target import Target
+from sim.trace import Trace
+from sim.world import World
+
+Array = NDArray[np.float64]
+
+MARGIN_MM = 6.0  # metal beside and above the part that is still followed
+BELOW_MM = 2.0  # of the plate
+DEFAULT_MATERIAL = "316L"
+SAMPLE_CELLS = 1.0  # spacing of the samples on the part
+
+
+def build_from_machine(cell: Cell) -> Array:
+    """(4, 4) table frame to build frame, from the cell's placement."""
+    angle = np.radians(cell.placement.rotation_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[c, -s], [s, c]]
+    matrix[:3, 3] = cell.placement.part_origin_mm
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
+def plate_in_build(cell: Cell, bounds: Array) -> Array | None:
+    """(2, 3) mm, the part of the clamped plate that lies in `bounds`, as a box of the build frame; None if it lies outside."""
+    size, top = np.array(cell.simulation.substrate_mm), np.array(cell.simulation.substrate_top_mm)
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-1.0, 0.0)]) * size + top
+    to_build = build_from_machine(cell)
+    placed = corners @ to_build[:3, :3].T + to_build[:3, 3]
+    low, high = np.maximum(placed.min(axis=0), bounds[0]), np.minimum(placed.max(axis=0), bounds[1])
+    low[2] = min(low[2], placed[:, 2].min())
+    return np.array([low, high]) if np.all(high > low) else None
+
+
+class Workshop:
+    """One workpiece at a time. Traces queue up and are worked off in a thread, so that the wires never wait for the metal."""
+
+    def __init__(self, world: World, cell_mm: float) -> None:
+        self._world, self._cell_mm = world, cell_mm
+        self._thread: ThreadPoolExecutor | None = None
+        self._metal: Metal | None = None
+        self._target: Target | None = None
+        self._waiting: list[Trace] = []
+        self._work: asyncio.Task[None] | None = None
+
+    async def clamp(self, command: dict[str, Any]) -> Answer:
+        """A fresh plate for a part: "mesh" (file), "build_from_part" ((4, 4), default identity), "material", "cell_mm".
+
+        Raises CommandError when the mesh or the material cannot be read.
+        """
+        await self._rest()
+        cell_mm = float(command.get("cell_mm", self._cell_mm))
+        if self._thread is None:
+            self._thread = ThreadPoolExecutor(1, thread_name_prefix="asyncio_metal")
+        loop = asyncio.get_running_loop()
+        arguments = (
+            str(command.get("mesh", "")),
+            command.get("build_from_part"),
+            str(command.get("material", DEFAULT_MATERIAL)),
+            cell_mm,
+        )
+        metal, target = await loop.run_in_executor(self._thread, _prepare, self._world.cell, *arguments)
+        self._metal, self._target = metal, target
+        self._world.metal = self
+        return {"cells": int(metal.stock.field.size), "cell_mm": cell_mm}
+
+    def apply(self, trace: Trace) -> None:
+        """Take a trace of the world; called in every step."""
+        if not len(trace) or (not trace.emission_w.any() and np.array_equal(trace.tip0, trace.tip1)):
+            return
+        self._waiting.append(trace)
+        if self._work is None or self._work.done():
+            self._work = asyncio.get_running_loop().create_task(self._work_off())
+
+    async def _work_off(self) -> None:
+        while self._waiting and self._metal is not None:
+            batch, self._waiting = self._waiting, []
+            await asyncio.get_running_loop().run_in_executor(self._thread, _apply_all, self._metal, batch)
+
+    async def _rest(self) -> None:
+        while self._work is not None and not self._work.done():
+            await asyncio.shield(self._work)
+
+    async def measure(self, command: dict[str, Any]) -> Answer:
+        """Compare as-built with the part and write as_built.stl, .json and .png to "dir".
+
+        Raises CommandError when no workpiece is clamped.
+        """
+        if self._metal is None or self._target is None:
+            raise CommandError("no workpiece is clamped: send 'workpiece' with 'mesh' first")
+        await self._rest()
+        folder = Path(str(command.get("dir", ".")))
+        loop = asyncio.get_running_loop()
+        deviation = await loop.run_in_executor(self._thread, _write, self._metal, self._target, folder)
+        return {"dir": str(folder), "deviation": deviation.as_dict()}
+
+    async def close(self) -> None:
+        """Finish what waits and end the thread."""
+        await self._rest()
+        self._world.metal = None
+        if self._thread is not None:
+            self._thread.shutdown(wait=True)
+            self._thread = None
+
+
+def _apply_all(metal: Metal, traces: list[Trace]) -> None:
+    for trace in traces:
+        metal.apply(trace)
+
+
+def _prepare(cell: Cell, mesh: str, build_from_part: Any, material: str, cell_mm: float) -> tuple[Metal, Target]:
+    """Target, plate and stock for a mesh. Raises CommandError."""
+    try:
+        loaded = trimesh.load_mesh(mesh)
+        powder = load_material(material)
+        transform = (
+            np.eye(4) if build_from_part is None else np.asarray(build_from_part, dtype=np.float64).reshape(4, 4)
+        )
+    except ConfigError as error:
+        raise CommandError(error.message) from None
+    except (OSError, ValueError, TypeError, NotImplementedError) as error:
+        raise CommandError(f"workpiece {mesh!r}: cannot be read: {str(error).splitlines()[0]}") from None
+    if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
+        raise CommandError(f"workpiece {mesh!r}: holds no triangles")
+    vertices = np.asarray(loaded.vertices) @ transform[:3, :3].T + transform[:3, 3]
+    target = Target(vertices, np.asarray(loaded.faces, dtype=np.int64), SAMPLE_CELLS * cell_mm)
+    bounds = target.bounds + np.array([[-MARGIN_MM] * 3, [MARGIN_MM] * 3])
+    bounds[0, 2] = target.bounds[0, 2] - BELOW_MM
+    stock = Stock(bounds, cell_mm, powder, plate_in_build(cell, bounds))
+    return Metal(stock, cell, build_from_machine(cell)), target
+
+
+def _write(metal: Metal, target: Target, folder: Path) -> Deviation:
+    """Measure and write the files."""
+    metal.finish()
+    stock = metal.stock
+    deviation = compare(stock, target)
+    folder.mkdir(parents=True, exist_ok=True)
+    padded = np.pad(stock.field, 1, constant_values=stock.band_mm)
+    vertices, facets, _, _ = marching_cubes(  # type: ignore[no-untyped-call]
+        padded, 0.0, spacing=(stock.cell_mm,) * 3
+    )
+    surface = trimesh.Trimesh(vertices + stock.origin - stock.cell_mm, facets[:, ::-1], process=False)
+    surface.export(folder / "as_built.stl")
+    (folder / "as_built.json").write_text(json.dumps(deviation.as_dict(), indent=1) + "\n", encoding="utf-8")
+    return deviation
