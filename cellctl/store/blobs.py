@@ -52,6 +52,10 @@ class Blobs:
         """plan.h5"""
         return self.folder / "plans" / f"{sha256}.h5"
 
+    def view(self, sha256: str) -> Path:
+        """The plan as the console draws it: a folder of JSON."""
+        return self.folder / "plans" / f"{sha256}.view"
+
     def program(self, sha256: str) -> Path:
         """The program's folder."""
         return self.folder / "programs" / sha256

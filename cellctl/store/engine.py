@@ -56,7 +56,9 @@ class Store:
 
 def open_engine(database: Path) -> Engine:
     """Engine on a SQLite file: WAL, synchronous=FULL, foreign keys, explicit BEGIN."""
-    engine = create_engine(f"sqlite:///{database}", connect_args={"check_same_thread": False, "timeout": BUSY_TIMEOUT_MS / 1000})
+    engine = create_engine(
+        f"sqlite:///{database}", connect_args={"check_same_thread": False, "timeout": BUSY_TIMEOUT_MS / 1000}
+    )
 
     @event.listens_for(engine, "connect")
     def _connected(connection: Any, _record: Any) -> None:
@@ -83,7 +85,9 @@ def upgrade(folder: Path) -> None:
         os.chmod(folder, 0o700)
         Blobs(folder / "blobs").make_folders()
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be used as a store: {error.strerror}", "name a folder that can be written with --store") from None
+        raise StoreError(
+            f"{folder}: cannot be used as a store: {error.strerror}", "name a folder that can be written with --store"
+        ) from None
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
     config.attributes["engine"] = engine = open_engine(folder / DATABASE)
@@ -91,10 +95,13 @@ def upgrade(folder: Path) -> None:
         command.upgrade(config, "head")
     except CommandError as error:
         raise StoreError(
-            f"{folder / DATABASE}: was written by another version: {error}", "use the version that wrote it, or a fresh --store"
+            f"{folder / DATABASE}: was written by another version: {error}",
+            "use the version that wrote it, or a fresh --store",
         ) from None
     except DatabaseError as error:
-        raise StoreError(f"{folder / DATABASE}: {error.orig}", "it may be damaged: restore a backup, or name a fresh --store") from None
+        raise StoreError(
+            f"{folder / DATABASE}: {error.orig}", "it may be damaged: restore a backup, or name a fresh --store"
+        ) from None
     finally:
         engine.dispose()
 
@@ -102,5 +109,8 @@ def upgrade(folder: Path) -> None:
 def open_store(folder: Path, clock: Callable[[], float] = time.time) -> Store:
     """Open an existing store. Raises StoreError if there is none."""
     if not (folder / DATABASE).is_file():
-        raise StoreError(f"{folder}: there is no store here", "start the service once with `cellctl serve`, or name its folder with --store")
+        raise StoreError(
+            f"{folder}: there is no store here",
+            "start the service once with `cellctl serve`, or name its folder with --store",
+        )
     return Store(folder, open_engine(folder / DATABASE), Blobs(folder / "blobs"), clock)

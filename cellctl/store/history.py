@@ -42,7 +42,9 @@ class LayerFigures:
 
 
 def _event(row: RowMapping) -> Event:
-    return Event(seq=row["seq"], at=row["at"], kind=row["kind"], text=row["text"], job=row["job"], data=json.loads(row["data"]))
+    return Event(
+        seq=row["seq"], at=row["at"], kind=row["kind"], text=row["text"], job=row["job"], data=json.loads(row["data"])
+    )
 
 
 def events_after(connection: Connection, seq: int, limit: int = 500) -> list[Event]:
@@ -63,7 +65,10 @@ def events_before(connection: Connection, seq: int | None, limit: int, job: str 
 
 def events_of(connection: Connection, job: str) -> list[Event]:
     """All events of a job, in order."""
-    return [_event(row) for row in connection.execute(select(events).where(events.c.job == job).order_by(events.c.seq)).mappings()]
+    return [
+        _event(row)
+        for row in connection.execute(select(events).where(events.c.job == job).order_by(events.c.seq)).mappings()
+    ]
 
 
 def last_seq(connection: Connection) -> int:

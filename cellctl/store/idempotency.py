@@ -34,7 +34,9 @@ def answered(connection: Connection, who: str, key: str | None, request_sha256: 
     return answer
 
 
-def remember(connection: Connection, who: str, key: str | None, request_sha256: str, answer: dict[str, Any], at: float) -> None:
+def remember(
+    connection: Connection, who: str, key: str | None, request_sha256: str, answer: dict[str, Any], at: float
+) -> None:
     """Keep an answer, in the transaction that made what it tells of."""
     if key is not None:
         values = {"request_sha256": request_sha256, "answer": json.dumps(answer), "created_at": at}

@@ -60,7 +60,9 @@ def _row(values: RowMapping) -> JobRow:
 
 
 def _columns(changes: dict[str, Any]) -> dict[str, Any]:
-    return {name: json.dumps(value) if name in DOCUMENTS and value is not None else value for name, value in changes.items()}
+    return {
+        name: json.dumps(value) if name in DOCUMENTS and value is not None else value for name, value in changes.items()
+    }
 
 
 def add(connection: Connection, job: JobRow) -> JobRow:
@@ -114,6 +116,12 @@ def move(connection: Connection, job_id: str, *targets: JobState, at: float, **c
     values = _columns({**changes, "timestamps": times})
     connection.execute(update(jobs).where(jobs.c.id == job_id).values(state=state.value, **values))
     return get(connection, job_id)
+
+
+def confirm_table(connection: Connection, job_id: str, at: float) -> JobRow:
+    """A person looked: the table is clear for this job. Raises NotFoundError."""
+    job = get(connection, job_id)
+    return change(connection, job_id, table_clear=True, why="", timestamps={**job.timestamps, "table_clear": at})
 
 
 def count_by_state(connection: Connection) -> dict[str, int]:

@@ -33,4 +33,6 @@ def find(connection: Connection, kind: Kind, key: str) -> Made | None:
 def add(connection: Connection, kind: Kind, key: str, made: Made, at: float) -> None:
     """Remember it; a second one for the same key takes its place."""
     values = {"sha256": made.sha256, "summary": json.dumps(made.summary), "created_at": at}
-    connection.execute(insert(TABLES[kind]).values(key=key, **values).on_conflict_do_update(index_elements=["key"], set_=values))
+    connection.execute(
+        insert(TABLES[kind]).values(key=key, **values).on_conflict_do_update(index_elements=["key"], set_=values)
+    )

@@ -49,7 +49,10 @@ class PartRow:
 
 def _row(values: RowMapping) -> PartRow:
     return PartRow(
-        **{name: values[name] for name in ("id", "name", "suffix", "units", "sha256", "bytes", "created_at", "created_by")},
+        **{
+            name: values[name]
+            for name in ("id", "name", "suffix", "units", "sha256", "bytes", "created_at", "created_by")
+        },
         inspection=Inspection(
             values["mesh_sha256"],
             json.loads(values["bbox_mm"]),

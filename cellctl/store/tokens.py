@@ -52,7 +52,9 @@ def _row(values: RowMapping) -> TokenRow:
     return TokenRow(**{**fields, "role": Role(fields["role"])})
 
 
-def create(connection: Connection, name: str, role: Role, at: float, lifetime_s: float | None = None) -> tuple[TokenRow, str]:
+def create(
+    connection: Connection, name: str, role: Role, at: float, lifetime_s: float | None = None
+) -> tuple[TokenRow, str]:
     """A new token and its secret, which is nowhere else."""
     secret = PREFIX + secrets.token_urlsafe(32)
     row = TokenRow(new_id("token", at), name, role, at, at + lifetime_s if lifetime_s is not None else None, None)
@@ -62,12 +64,16 @@ def create(connection: Connection, name: str, role: Role, at: float, lifetime_s:
 
 def every(connection: Connection) -> list[TokenRow]:
     """All tokens, oldest first, revoked ones too."""
-    return [_row(row) for row in connection.execute(select(tokens).order_by(tokens.c.created_at, tokens.c.id)).mappings()]
+    return [
+        _row(row) for row in connection.execute(select(tokens).order_by(tokens.c.created_at, tokens.c.id)).mappings()
+    ]
 
 
 def revoke(connection: Connection, token_id: str, at: float) -> TokenRow:
     """End a token and its sessions; twice is harmless. Raises NotFoundError."""
-    connection.execute(update(tokens).where(tokens.c.id == token_id, tokens.c.revoked_at.is_(None)).values(revoked_at=at))
+    connection.execute(
+        update(tokens).where(tokens.c.id == token_id, tokens.c.revoked_at.is_(None)).values(revoked_at=at)
+    )
     connection.execute(delete(sessions).where(sessions.c.token_id == token_id))
     row = connection.execute(select(tokens).where(tokens.c.id == token_id)).mappings().first()
     if row is None:
@@ -90,7 +96,9 @@ def open_session(connection: Connection, token: TokenRow, at: float) -> str:
     """A new session's secret, for the cookie."""
     secret = secrets.token_urlsafe(32)
     connection.execute(delete(sessions).where(sessions.c.expires_at <= at))
-    connection.execute(insert(sessions).values(sha256=_digest(secret), token_id=token.id, created_at=at, expires_at=at + SESSION_S))
+    connection.execute(
+        insert(sessions).values(sha256=_digest(secret), token_id=token.id, created_at=at, expires_at=at + SESSION_S)
+    )
     return secret
 
 

@@ -1,0 +1,1 @@
+"""REST, WebSocket and the console's files: the web process."""

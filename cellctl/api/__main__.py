@@ -1,0 +1,65 @@
+"""The web process: `python -m cellctl.api --cell FILE --run DIR --store DIR --host HOST --port PORT`; started by `cellctl serve`."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+from pathlib import Path
+
+import uvicorn
+
+from cellctl import faults
+from cellctl.api.app import build_service, make_app
+from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Settings
+from cellctl.store import StoreError
+from config import ConfigError
+
+
+def arguments(words: list[str]) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m cellctl.api", description=__doc__)
+    parser.add_argument("--cell", type=Path, required=True)
+    parser.add_argument("--run", type=Path, required=True)
+    parser.add_argument("--store", type=Path, required=True)
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=8000)
+    parser.add_argument("--upload-limit-bytes", type=int, default=UPLOAD_LIMIT_BYTES)
+    parser.add_argument("--worker-memory-bytes", type=int, default=WORKER_MEMORY_BYTES)
+    return parser.parse_args(words)
+
+
+async def serve(given: argparse.Namespace) -> None:
+    """Serve until a signal says stop. Raises StoreError, ConfigError."""
+    settings = Settings(given.store, given.run, given.cell, given.upload_limit_bytes, given.worker_memory_bytes)
+    app = make_app(build_service(settings), given.host)
+    config = uvicorn.Config(
+        app,
+        host=given.host,
+        port=given.port,
+        ws="websockets-sansio",
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=3,
+        ws_max_size=64 * 1024,
+    )
+    await uvicorn.Server(config).serve()
+
+
+def main() -> int:
+    """Run; 2 for facts or a store that cannot be used."""
+    try:
+        asyncio.run(serve(arguments(sys.argv[1:])))
+    except (StoreError, ConfigError) as error:
+        fault = faults.explain(error)
+        if fault is not None:
+            faults.report(fault)
+        return 2
+    except KeyboardInterrupt:
+        return 0
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,114 @@
+"""The web application: routes, middleware, and the tasks that live as long as it does."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import msgspec
+from fastapi import FastAPI
+
+from cellctl.api import cell, facts, health, jobs, live, parts, problems, results, sign_in, tokens
+from cellctl.api.cell_link import CellLink
+from cellctl.api.context import Service, Settings, software_version
+from cellctl.api.feed import Feed
+from cellctl.api.metrics import Measure, Metrics
+from cellctl.api.page import Page
+from cellctl.api.runs import Runs
+from cellctl.api.security import BodyLimit, Guard
+from cellctl.domain.messages import Event
+from cellctl.domain.snapshot import Snapshot
+from cellctl.planning.jobwork import JobWork
+from cellctl.planning.process import Workers
+from cellctl.planning.queue import PlanningQueue
+from cellctl.store import open_store
+from config import load_cell
+
+DESCRIPTION = """Parts go in, plans are made and proved, a person approves, the cell builds.
+
+Errors are problem documents (RFC 9457). Lists come in pages: pass `next` on as `cursor`. Times are Unix seconds.
+`POST /api/v1/parts` and `/api/v1/jobs` take an `Idempotency-Key`. The live feed is a WebSocket at `/api/v1/live?from=N`:
+`{"type": "snapshot", "snapshot": …}` (newest wins), `{"type": "event", "event": …}` (in order) and `{"type": "job", "job": …}`."""
+
+
+def build_service(settings: Settings) -> Service:
+    """Open the store and put the parts of the service together. Raises StoreError, ConfigError."""
+    served = load_cell(settings.cell_file)
+    store = open_store(settings.store)
+    scratch = settings.store / "scratch"
+    scratch.mkdir(exist_ok=True)
+    workers = Workers(scratch, settings.worker_memory_bytes)
+    feed = Feed()
+    runs: Runs
+
+    def on_snapshot(snapshot: Snapshot) -> None:
+        feed.take_snapshot(snapshot)
+
+    def on_event(event: Event) -> None:
+        feed.take_event(event)
+        runs.wake()
+
+    link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, lambda: runs.wake())
+    runs = Runs(store, link, feed.take_job)
+    work = JobWork(store, workers, served, settings.cell_file)
+    queue = PlanningQueue(store, work, feed.take_job, settings.planning_slots)
+    return Service(settings, served, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics())
+
+
+def make_app(service: Service, bound_host: str, page: Page | None = None) -> FastAPI:
+    """The ASGI application around a service."""
+    page = page or Page()
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        service.store.blobs.clear_staging()
+        tasks = [asyncio.create_task(task) for task in (service.link.run(), service.queue.run(), service.runs.run())]
+        try:
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            service.store.close()
+
+    app = FastAPI(
+        title="Hybrid metal cell",
+        version=software_version(),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.service = service
+    problems.install(app)
+    for module in (sign_in, parts, jobs, results, cell, facts, tokens, health, live):
+        app.include_router(module.router)
+    app.include_router(page.router)
+    app.add_middleware(BodyLimit, upload_limit_bytes=service.settings.upload_limit_bytes)
+    app.add_middleware(Measure, metrics=service.metrics)
+    app.add_middleware(
+        Guard, bound_host=bound_host, stop_port=service.cell.service.stop_port, script_hashes=page.script_hashes
+    )
+    _complete_openapi(app)
+    return app
+
+
+def _complete_openapi(app: FastAPI) -> None:
+    """Add the schemas that no route names by type: the problem document and the snapshot."""
+    generate = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            document = generate()
+            schemas = document.setdefault("components", {}).setdefault("schemas", {})
+            schemas["Problem"] = problems.Problem.model_json_schema()
+            _, parts_of_snapshot = msgspec.json.schema_components(
+                [Snapshot], ref_template="#/components/schemas/{name}"
+            )
+            schemas.update(parts_of_snapshot)
+            app.openapi_schema = document
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]

@@ -1,0 +1,193 @@
+"""The cell: its snapshot, its commands, its events. Commands name the end state and are harmless twice."""
+
+from __future__ import annotations
+
+import asyncio
+from enum import StrEnum
+from typing import Annotated, Any
+
+import httpx
+import msgspec
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import Response
+
+from cellctl.api.cell_link import CellAbsentError
+from cellctl.api.context import Service, software_version
+from cellctl.api.feed import event_document
+from cellctl.api.models import About, CellCommand, CommandAnswer, EventItem, Events
+from cellctl.api.parts import Cursor, Limit
+from cellctl.api.problems import DOCUMENTED, ApiError
+from cellctl.api.runs import StartRefusedError
+from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
+from cellctl.domain.jobs import JobState
+from cellctl.domain.messages import Reply
+from cellctl.store import audit, history, jobs
+from cellctl.store.pages import cursor_of, seq_of
+
+router = APIRouter(prefix="/api/v1/cell", tags=["cell"], responses=DOCUMENTED)
+ABSENT_HINT = "it is restarted by itself; if it stays away look at the service's log; the E-stop works in any case"
+STOP_TIMEOUT_S = 2.0
+
+
+class Verb(StrEnum):
+    """What a person may tell the cell."""
+
+    START = "start"
+    HOLD = "hold"
+    RESUME = "resume"
+    ABORT = "abort"
+    STOP = "stop"
+    RESET = "reset"
+    HOME = "home"
+    UNLOCK = "unlock"
+    JOG = "jog"
+
+
+@router.get(
+    "", responses={200: {"content": {"application/json": {"schema": {"$ref": "#/components/schemas/Snapshot"}}}}}
+)
+def get_snapshot(_person: Viewer, service: ServiceOf) -> Response:
+    """The newest snapshot of the cell. 503 if none is younger than a second: an old one would say nothing about now."""
+    snapshot = service.link.fresh
+    if snapshot is None:
+        raise ApiError(503, "The cell process does not answer", "no snapshot within the last second", ABSENT_HINT)
+    return Response(msgspec.json.encode(snapshot), media_type="application/json", headers={"Cache-Control": "no-store"})
+
+
+@router.get("/about")
+def about(request: Request, service: ServiceOf) -> About:
+    """Which cell this is and where STOP goes. Open to everybody: stopping needs no sign-in."""
+    cell = service.cell
+    return About(cell=cell.name, mode=cell.mode, version=software_version(), stop_url=service.stop_url(request))
+
+
+@router.get("/facts", response_model=dict[str, Any])
+def facts(_person: Viewer, service: ServiceOf) -> dict[str, Any]:
+    """The facts of the cell: axes, limits, tools, placement."""
+    return service.cell.model_dump(mode="json")
+
+
+@router.get("/events")
+def list_events(
+    _person: Viewer,
+    service: ServiceOf,
+    cursor: Cursor = None,
+    limit: Limit = 50,
+    job: Annotated[str | None, Query(max_length=60)] = None,
+) -> Events:
+    """Events, newest first."""
+    before = seq_of(cursor) if cursor is not None else None
+    with service.store.read() as rows:
+        found = history.events_before(rows, before, limit + 1, job)
+    items = [EventItem.model_validate(event_document(event)) for event in found[:limit]]
+    return Events(items=items, next=cursor_of(items[-1].seq) if len(found) > limit else None)
+
+
+def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
+    """What the verb needs. Raises ApiError 422."""
+    if verb is Verb.JOG:
+        if body.axis is None or body.distance is None or body.feed is None:
+            raise ApiError(
+                422,
+                "The request does not fit",
+                "jog needs axis, distance and feed",
+                "distance in mm or deg, feed per minute",
+            )
+        return {"axis": body.axis, "distance": body.distance, "feed": body.feed}
+    if body.axis is not None or body.distance is not None or body.feed is not None:
+        raise ApiError(
+            422, "The request does not fit", f"axis, distance and feed do not belong to {verb.value}", "leave them out"
+        )
+    if verb is not Verb.START and (body.job is not None or body.table_clear):
+        raise ApiError(
+            422, "The request does not fit", f"job and table_clear do not belong to {verb.value}", "leave them out"
+        )
+    return {}
+
+
+async def _stop_without_link(service: Service, person: Person, body: CellCommand) -> Reply:
+    """The way of the console's button: straight to the stop listener. Raises CellAbsentError."""
+    port = service.cell.service.stop_port
+    document = {"id": body.id or "", "because": f"{person.name}: {body.because or 'stop'}"}
+    try:
+        async with httpx.AsyncClient(timeout=STOP_TIMEOUT_S, trust_env=False) as client:
+            answer = await client.post(f"http://127.0.0.1:{port}/stop", json=document)
+        answer.raise_for_status()
+    except httpx.HTTPError as error:
+        raise CellAbsentError(f"neither its socket nor its stop listener answers ({type(error).__name__})") from None
+    return Reply(id=body.id or "", ok=True, data=answer.json())
+
+
+async def _send(service: Service, person: Person, verb: Verb, body: CellCommand) -> Reply:
+    """Carry the command to the cell. Raises CellAbsentError, StartRefusedError, ApiError."""
+    if verb is Verb.START:
+        return await _start(service, person, body)
+    because = body.because or f"{verb.value} by {person.name}"
+    arguments = _arguments(verb, body)
+    if verb is not Verb.STOP:
+        return await service.link.command(verb.value, person.name, because, arguments, body.id)
+    try:
+        return await service.link.command(
+            verb.value, person.name, because, arguments, body.id, timeout_s=STOP_TIMEOUT_S
+        )
+    except CellAbsentError:
+        return await _stop_without_link(service, person, body)
+
+
+async def _start(service: Service, person: Person, body: CellCommand) -> Reply:
+    """Start a queued job whose table is, or hereby is, confirmed clear."""
+    _arguments(Verb.START, body)
+    job_id = body.job
+    if job_id is None:
+        raise ApiError(422, "The request does not fit", "start needs job", "name an approved job")
+
+    def confirmed() -> jobs.JobRow:
+        with service.store.write() as rows:
+            job = jobs.get(rows, job_id)
+            if job.state is not JobState.QUEUED:
+                raise ApiError(
+                    409, "Not in this state", f"{job.name} is {job.state.value}, not queued", "approve it first"
+                )
+            if not body.table_clear and not job.table_clear:
+                raise ApiError(
+                    409,
+                    "The table is not confirmed clear",
+                    f"{job.name}: nobody confirmed that the table is clear",
+                    "look, then set table_clear",
+                )
+            return jobs.confirm_table(rows, job_id, service.store.clock()) if body.table_clear else job
+
+    job = await asyncio.to_thread(confirmed)
+    return await service.runs.start(job, person.name, body.because or "started by hand")
+
+
+@router.post("/{verb}")
+async def command(person: Operator, service: ServiceOf, verb: Verb, body: CellCommand) -> CommandAnswer:
+    """Command the cell. Answered when the cell has accepted it and written it down."""
+    target = body.job or service.cell.name
+    outcome = "failed"
+    try:
+        reply = await _send(service, person, verb, body)
+        outcome = "ok" if reply.ok else f"refused: {reply.error}"
+    except CellAbsentError as error:
+        outcome = f"no answer: {error}"
+        raise ApiError(503, "The cell process does not answer", str(error), ABSENT_HINT) from None
+    except StartRefusedError as error:
+        outcome = f"refused: {error.message}"
+        raise ApiError(409, "The cell refused", error.message, error.hint) from None
+    except ApiError as error:
+        outcome = f"refused: {error.detail}"
+        raise
+    finally:
+        await asyncio.shield(asyncio.to_thread(_write_down, service, person, verb, target, body.because, outcome))
+    if not reply.ok:
+        raise ApiError(409, "The cell refused", reply.error, reply.hint)
+    service.runs.wake()
+    snapshot = service.link.snapshot
+    state = str(reply.data.get("state") or (snapshot.state if snapshot else ""))
+    return CommandAnswer(ok=True, state=state, data=reply.data)
+
+
+def _write_down(service: Service, person: Person, verb: Verb, target: str, because: str, outcome: str) -> None:
+    with service.store.write() as rows:
+        audit.add(rows, person.deed(verb.value, target, because), service.store.clock(), outcome)

@@ -1,0 +1,69 @@
+"""What the routes work with: one object, made when the web process starts."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import cast
+
+from starlette.requests import HTTPConnection
+
+from cellctl.api.cell_link import CellLink
+from cellctl.api.feed import Feed
+from cellctl.api.metrics import Metrics
+from cellctl.api.runs import Runs
+from cellctl.planning.process import Workers
+from cellctl.planning.queue import PlanningQueue
+from cellctl.store import Store
+from config import Cell
+
+UPLOAD_LIMIT_BYTES = 200 * 10**6
+WORKER_MEMORY_BYTES = 8 * 2**30
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where the web process finds and keeps things, and its limits."""
+
+    store: Path
+    run: Path
+    cell_file: Path
+    upload_limit_bytes: int = UPLOAD_LIMIT_BYTES
+    worker_memory_bytes: int = WORKER_MEMORY_BYTES
+    planning_slots: int = 1
+
+
+@dataclass(frozen=True)
+class Service:
+    """Everything that the routes use."""
+
+    settings: Settings
+    cell: Cell
+    store: Store
+    workers: Workers
+    feed: Feed
+    link: CellLink
+    queue: PlanningQueue
+    runs: Runs
+    inspections: asyncio.Semaphore
+    metrics: Metrics
+
+    def stop_url(self, connection: HTTPConnection) -> str:
+        """Where the cell process listens for STOP, as seen from the page's host."""
+        name = connection.url.hostname or self.cell.service.host
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.cell.service.stop_port}/stop"
+
+
+def service_of(connection: HTTPConnection) -> Service:
+    """The service behind a request or a WebSocket; a FastAPI dependency."""
+    return cast(Service, connection.app.state.service)
+
+
+def software_version() -> str:
+    """Version of this software."""
+    try:
+        return version("hybridcell")
+    except PackageNotFoundError:
+        return "0"

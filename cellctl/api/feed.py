@@ -1,0 +1,93 @@
+"""What every live viewer gets: the newest snapshot (encoded once), events in order, and word of changed jobs."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+
+from cellctl.domain.messages import Event
+from cellctl.domain.snapshot import Snapshot
+
+EVENTS_QUEUED_MAX = 5000  # a viewer further behind is cut off; it comes back with `from`
+_encoder = msgspec.json.Encoder()
+
+
+def event_document(event: Event) -> dict[str, object]:
+    """An event as it is sent."""
+    return {
+        "seq": event.seq,
+        "at": event.at,
+        "kind": event.kind,
+        "text": event.text,
+        "job": event.job,
+        "data": event.data,
+    }
+
+
+def event_text(event: Event) -> str:
+    """An event's message."""
+    return _encoder.encode({"type": "event", "event": event_document(event)}).decode()
+
+
+class Viewer:
+    """One connection's mail: events and jobs in order, at most one snapshot."""
+
+    def __init__(self) -> None:
+        self.events: deque[Event] = deque()
+        self.jobs: dict[str, None] = {}
+        self.has_snapshot = False
+        self.is_behind = False
+        self.wake = asyncio.Event()
+
+
+class Feed:
+    """Hands snapshots, events and job changes to all viewers."""
+
+    def __init__(self) -> None:
+        self._viewers: set[Viewer] = set()
+        self._text: str | None = None
+        self._snapshot: Snapshot | None = None
+
+    @contextmanager
+    def viewer(self) -> Iterator[Viewer]:
+        """A viewer, for as long as the block lasts."""
+        viewer = Viewer()
+        self._viewers.add(viewer)
+        try:
+            yield viewer
+        finally:
+            self._viewers.discard(viewer)
+
+    def __len__(self) -> int:
+        return len(self._viewers)
+
+    @property
+    def snapshot_text(self) -> str | None:
+        """The newest snapshot's message; encoded when the first viewer asks."""
+        if self._text is None and self._snapshot is not None:
+            self._text = _encoder.encode({"type": "snapshot", "snapshot": self._snapshot}).decode()
+        return self._text
+
+    def take_snapshot(self, snapshot: Snapshot) -> None:
+        """Newest wins."""
+        self._snapshot, self._text = snapshot, None
+        for viewer in self._viewers:
+            viewer.has_snapshot = True
+            viewer.wake.set()
+
+    def take_event(self, event: Event) -> None:
+        """In order, none left out."""
+        for viewer in self._viewers:
+            viewer.is_behind = viewer.is_behind or len(viewer.events) >= EVENTS_QUEUED_MAX
+            viewer.events.append(event)
+            viewer.wake.set()
+
+    def take_job(self, job_id: str) -> None:
+        """A job changed; each viewer reads it once however often that was."""
+        for viewer in self._viewers:
+            viewer.jobs[job_id] = None
+            viewer.wake.set()

@@ -1,0 +1,193 @@
+"""Jobs: submitting, approving, cancelling, and what they are doing."""
+
+from __future__ import annotations
+
+import asyncio
+import tomllib
+from typing import Annotated, Any
+
+import tomli_w
+from fastapi import APIRouter, Query
+from pydantic import ValidationError
+
+from cellctl.api.context import Service
+from cellctl.api.models import Approval, Because_, Job, JobError, Jobs, NewJob
+from cellctl.api.parts import Cursor, IdempotencyKey, Limit
+from cellctl.api.problems import DOCUMENTED, ApiError
+from cellctl.api.runs import TABLE_NOT_CLEAR
+from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
+from cellctl.domain.jobs import ON_CELL, JobState
+from cellctl.faults import one_line
+from cellctl.store import audit, idempotency, jobs, parts
+from cellctl.store.ids import new_id
+from cellctl.store.jobs import JobRow
+from cellctl.store.tokens import Role
+from config import explain, load_material
+from planner.errors import RecipeError
+from planner.recipe import Recipe, parse_recipe
+
+J = JobState
+router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"], responses=DOCUMENTED)
+
+
+def document(service: Service, row: JobRow) -> Job:
+    """A job as it is told, with where the work on it stands now."""
+    at = service.queue.progress.get(row.id)
+    progress = at.fraction if at else (row.lines_executed / row.lines_total if row.lines_total else 0.0)
+    fields = {name: getattr(row, name) for name in Job.model_fields if hasattr(row, name)}
+    return Job(
+        **{
+            **fields,
+            "state": row.state.value,
+            "recipe": tomllib.loads(row.recipe_toml),
+            "error": JobError(**row.error) if row.error else None,
+            "stage": at.stage if at else row.state.value,
+            "progress": 1.0 if row.state is J.COMPLETED else min(progress, 1.0),
+        }
+    )
+
+
+def recipe_from(body: NewJob) -> Recipe:
+    """The request's recipe, validated; it names materials and stock by name, never by a file. Raises RecipeError, ConfigError."""
+    if body.recipe is not None and body.recipe_toml is not None:
+        raise ApiError(422, "Two recipes", "recipe and recipe_toml are both given", "leave one out")
+    if body.recipe_toml is not None:
+        recipe = parse_recipe(body.recipe_toml, "recipe")
+    else:
+        try:
+            recipe = Recipe.model_validate(body.recipe or {})
+        except ValidationError as error:
+            raise RecipeError(f"recipe: {explain(error)}", "correct the field that is named") from None
+    if any(mark in recipe.material for mark in ("/", "\\", ".toml")):
+        raise RecipeError(
+            f"recipe: material: {recipe.material!r} is not a name", "name a material of GET /api/v1/materials"
+        )
+    load_material(recipe.material)
+    return recipe
+
+
+def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> tuple[dict[str, Any], bool]:
+    """(the answer, whether the job is new)."""
+    recipe = recipe_from(body)
+    cell = service.cell.name
+    if body.cell is not None and body.cell != cell:
+        raise ApiError(
+            422,
+            "Another cell",
+            f"this service runs the cell {cell!r}, not {body.cell!r}",
+            "leave `cell` out, or ask that cell's service",
+        )
+    digest = idempotency.request_digest("job", body.model_dump())
+    now = service.store.clock()
+    with service.store.write() as rows:
+        earlier = idempotency.answered(rows, person.name, key, digest)
+        if earlier is not None:
+            return earlier, False
+        part = parts.get(rows, body.part_id)
+        if recipe.stock is not None:
+            parts.get(rows, recipe.stock)
+        toml = tomli_w.dumps(recipe.model_dump(mode="json", exclude_none=True))
+        name = one_line(body.name or part.name)
+        job = jobs.add(rows, JobRow(new_id("job", now), name, part.id, cell, toml, recipe.material, now, person.name))
+        answer = document(service, job).model_dump()
+        idempotency.remember(rows, person.name, key, digest, answer, now)
+        audit.add(rows, person.deed("submit", job.id), now, "ok")
+    return answer, True
+
+
+@router.post("", status_code=201)
+async def submit(person: Operator, service: ServiceOf, body: NewJob, idempotency_key: IdempotencyKey = None) -> Job:
+    """Submit a job. It is planned, posted and proved at once, then waits for approval."""
+    answer, is_new = await asyncio.to_thread(_submit, service, person, body, idempotency_key)
+    if is_new:
+        service.feed.take_job(answer["id"])
+        service.queue.wake()
+    return Job(**answer)
+
+
+@router.get("")
+def list_jobs(
+    _person: Viewer,
+    service: ServiceOf,
+    cursor: Cursor = None,
+    limit: Limit = 50,
+    state: Annotated[list[JobState] | None, Query(description="only jobs in one of these states")] = None,
+) -> Jobs:
+    """Jobs, newest first."""
+    with service.store.read() as rows:
+        found, following = jobs.find_page(rows, cursor, limit, state or [])
+    return Jobs(items=[document(service, row) for row in found], next=following)
+
+
+@router.get("/{job_id}")
+def get_job(_person: Viewer, service: ServiceOf, job_id: str) -> Job:
+    """One job."""
+    with service.store.read() as rows:
+        return document(service, jobs.get(rows, job_id))
+
+
+def check_approval(job: JobRow, person: Person, body: Approval) -> None:
+    """Raise ApiError unless this person may approve this job: its proof passed, or an engineer gives a reason."""
+    passed = bool(job.proof and job.proof.get("passed"))
+    if passed or job.state is not J.WAITING_FOR_APPROVAL:
+        return
+    if not body.override_reason.strip():
+        raise ApiError(
+            409,
+            "The proof did not pass",
+            f"{job.name}: its proof did not pass, so it cannot be approved",
+            "change the recipe; an engineer may give override_reason",
+        )
+    if not person.role.includes(Role.ENGINEER):
+        raise ApiError(
+            403,
+            "Not allowed",
+            f"only an engineer may override a proof; {person.name} is {person.role.value}",
+            "ask an engineer",
+        )
+
+
+@router.post("/{job_id}/approve")
+async def approve(person: Operator, service: ServiceOf, job_id: str, body: Approval) -> Job:
+    """Approve a job. With `table_clear` it starts as soon as the cell is idle; a queued one may be confirmed later by the same call."""
+
+    def write() -> JobRow:
+        now = service.store.clock()
+        with service.store.write() as rows:
+            job = jobs.get(rows, job_id)
+            check_approval(job, person, body)
+            if job.state is not J.QUEUED:
+                reasons = {"approve_because": body.because, "override_reason": body.override_reason}
+                job = jobs.move(rows, job_id, J.QUEUED, at=now, approved_by=person.name, why=TABLE_NOT_CLEAR, **reasons)
+            if body.table_clear:
+                job = jobs.confirm_table(rows, job_id, now)
+            audit.add(rows, person.deed("approve", job_id, body.override_reason or body.because), now, "ok")
+        return job
+
+    job = await asyncio.to_thread(write)
+    service.feed.take_job(job_id)
+    service.runs.wake()
+    return document(service, job)
+
+
+@router.post("/{job_id}/cancel")
+async def cancel(person: Operator, service: ServiceOf, job_id: str, body: Because_) -> Job:
+    """Cancel a job that is not on the cell. Twice is harmless."""
+
+    def write() -> JobRow:
+        now = service.store.clock()
+        with service.store.write() as rows:
+            job = jobs.get(rows, job_id)
+            if job.state is J.CANCELLED:
+                return job
+            if job.state in ON_CELL or job_id in service.runs.starting:
+                raise ApiError(
+                    409, "Not in this state", f"{job.name} is on the cell", "abort it with POST /api/v1/cell/abort"
+                )
+            audit.add(rows, person.deed("cancel", job_id, body.because), now, "ok")
+            return jobs.move(rows, job_id, J.CANCELLED, at=now, why=body.because)
+
+    job = await asyncio.to_thread(write)
+    service.queue.cancel(job_id)
+    service.feed.take_job(job_id)
+    return document(service, job)

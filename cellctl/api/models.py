@@ -1,0 +1,254 @@
+"""The documents of REST. Times are Unix seconds; every number has its unit in its name."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellctl.store.tokens import Role
+
+Because = Field("", max_length=500, description="why, in words that the operator reads")
+
+
+class Strict(BaseModel):
+    """A request: unknown fields are refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Finding(BaseModel):
+    """Something found in a mesh, and whether it was mended."""
+
+    kind: str
+    count: int
+    place_mm: list[float] | None
+    mended: bool
+    volume_change_mm3: float
+    text: str
+
+
+class Part(BaseModel):
+    """An uploaded mesh, checked. bbox_mm: lowest and highest corner in the part's own frame."""
+
+    id: str
+    name: str
+    units: Literal["mm", "inch"]
+    sha256: str
+    bytes: int
+    bbox_mm: list[list[float]]
+    facets: int
+    volume_mm3: float
+    findings: list[Finding]
+    created_at: float
+    created_by: str
+
+
+class Parts(BaseModel):
+    """A page of parts, newest first."""
+
+    items: list[Part]
+    next: str | None = Field(None, description="cursor of the following page")
+
+
+class JobError(BaseModel):
+    """Why a job failed."""
+
+    title: str
+    detail: str
+    hint: str = ""
+
+
+class Job(BaseModel):
+    """A job. progress: 0 to 1 of the stage that it is in; why: what it waits for."""
+
+    id: str
+    name: str
+    part_id: str
+    state: str
+    why: str
+    material: str
+    cell: str
+    recipe: dict[str, Any]
+    created_at: float
+    created_by: str
+    error: JobError | None
+    proof: dict[str, Any] | None = Field(
+        description="figures of the proof: passed, mean_mm, p99_mm, max_mm, missing_mm3, ... and counts of findings"
+    )
+    stage: str
+    progress: float
+    layers: int
+    lines_executed: int
+    lines_total: int
+    duration_s: float
+    approved_by: str
+    approve_because: str
+    override_reason: str
+    table_clear: bool
+    plan_sha256: str | None
+    program_sha256: str | None
+    proof_sha256: str | None
+    timestamps: dict[str, float]
+
+
+class Jobs(BaseModel):
+    """A page of jobs, newest first."""
+
+    items: list[Job]
+    next: str | None = None
+
+
+class NewJob(Strict):
+    """A part to be made. The recipe comes as an object or as TOML; what it leaves out comes from the material."""
+
+    part_id: str = Field(max_length=60)
+    recipe: dict[str, Any] | None = None
+    recipe_toml: str | None = Field(None, max_length=100_000)
+    cell: str | None = Field(None, max_length=100, description="default: the cell that this service runs")
+    name: str | None = Field(None, max_length=200)
+
+
+class Approval(Strict):
+    """A person's yes. Without a passing proof it needs an engineer and a reason."""
+
+    because: str = Because
+    override_reason: str = Field("", max_length=500)
+    table_clear: bool = Field(False, description="I looked: the table is clear and the substrate is clamped")
+
+
+class Because_(Strict):
+    """Why."""
+
+    because: str = Because
+
+
+class CellCommand(Strict):
+    """What a command to the cell needs. job and table_clear: start; axis, distance, feed: jog (mm or deg, mm/min or deg/min)."""
+
+    because: str = Because
+    id: str | None = Field(None, max_length=100, description="the same id is carried out once")
+    job: str | None = Field(None, max_length=60)
+    table_clear: bool = False
+    axis: str | None = Field(None, max_length=1)
+    distance: float | None = Field(None, ge=-10_000, le=10_000)
+    feed: float | None = Field(None, gt=0, le=100_000)
+
+
+class CommandAnswer(BaseModel):
+    """The command was accepted and is written down. state: of the cell as last reported."""
+
+    ok: bool
+    state: str
+    data: dict[str, Any] = {}
+
+
+class About(BaseModel):
+    """What a page has to know before anybody signs in."""
+
+    cell: str
+    mode: str
+    version: str
+    stop_url: str
+
+
+class SignIn(Strict):
+    """A token to sign in with."""
+
+    token: str = Field(max_length=200)
+
+
+class Session(BaseModel):
+    """Who is signed in."""
+
+    name: str
+    role: Role
+    stop_url: str
+
+
+class NewToken(Strict):
+    """A token to be made."""
+
+    name: str = Field(min_length=1, max_length=100)
+    role: Role
+    lifetime_s: float | None = Field(None, gt=0, le=10 * 365 * 86400)
+
+
+class Token(BaseModel):
+    """A token without its secret."""
+
+    id: str
+    name: str
+    role: Role
+    created_at: float
+    expires_at: float | None
+    revoked_at: float | None
+
+
+class FreshToken(Token):
+    """A token with its secret, which is shown this once."""
+
+    secret: str
+
+
+class Tokens(BaseModel):
+    """All tokens."""
+
+    items: list[Token]
+
+
+class EventItem(BaseModel):
+    """Something that happened at the cell."""
+
+    seq: int
+    at: float
+    kind: str
+    text: str
+    job: str
+    data: dict[str, Any]
+
+
+class Events(BaseModel):
+    """A page of events, newest first."""
+
+    items: list[EventItem]
+    next: str | None = None
+
+
+class ProgramFile(BaseModel):
+    """A file of a program."""
+
+    name: str
+    bytes: int
+
+
+class Program(BaseModel):
+    """A posted program: facts, files."""
+
+    sha256: str
+    lines: int
+    layers: int
+    duration_s: float
+    files: list[ProgramFile]
+
+
+class Named(BaseModel):
+    """A shipped facts file."""
+
+    name: str
+    facts: dict[str, Any]
+
+
+class NamedList(BaseModel):
+    """Facts by name."""
+
+    items: list[Named]
+
+
+class Health(BaseModel):
+    """Whether the service works. cell: whether the cell process answers."""
+
+    status: str
+    cell: bool
+    cell_state: str = ""
+    snapshot_age_s: float | None = None

@@ -1,0 +1,150 @@
+"""Parts: uploads streamed to disk, checked by a worker, kept under their hash; the name that came with them is only shown."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, File, Form, Header, Query, UploadFile
+from fastapi.responses import FileResponse
+
+from cellctl.api.context import Service
+from cellctl.api.models import Finding, Part, Parts
+from cellctl.api.problems import DOCUMENTED, ApiError
+from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
+from cellctl.planning.process import WorkerError
+from cellctl.planning.task import MESH_FILE, Task
+from cellctl.store import audit, blobs, idempotency, parts
+from cellctl.store.ids import new_id
+from cellctl.store.parts import Inspection, PartRow
+
+SUFFIXES = (".stl", ".3mf", ".obj", ".ply")
+NAME_MAX = 100
+Cursor = Annotated[str | None, Query(max_length=200, description="what `next` of the page before said")]
+Limit = Annotated[int, Query(ge=1, le=200)]
+IdempotencyKey = Annotated[
+    str | None, Header(max_length=200, min_length=1, description="the same key gets the first answer again")
+]
+router = APIRouter(prefix="/api/v1/parts", tags=["parts"], responses=DOCUMENTED)
+
+
+def document(row: PartRow) -> Part:
+    """A part as it is told."""
+    seen = row.inspection
+    return Part(
+        id=row.id,
+        name=row.name,
+        units="inch" if row.units == "inch" else "mm",
+        sha256=row.sha256,
+        bytes=row.bytes,
+        bbox_mm=seen.bbox_mm,
+        facets=seen.facets,
+        volume_mm3=seen.volume_mm3,
+        findings=[Finding(**finding) for finding in seen.findings],
+        created_at=row.created_at,
+        created_by=row.created_by,
+    )
+
+
+def safe_name(filename: str | None) -> tuple[str, str]:
+    """(stem, suffix) of a file name from outside: no folders, plain characters. Raises ApiError 422 for an unknown kind of file."""
+    base = PurePosixPath((filename or "").replace("\\", "/")).name
+    suffix = PurePosixPath(base).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ApiError(
+            422,
+            "Not a mesh file",
+            f"{base[:60]!r} is none of {', '.join(SUFFIXES)}",
+            "export the model as binary STL or 3MF",
+        )
+    stem = re.sub(r"[^\w.+-]+", "_", base[: -len(suffix)], flags=re.ASCII).strip("._")
+    return stem[:NAME_MAX] or "part", suffix
+
+
+async def _inspect(service: Service, path: Path, folder: Path, name: str, units: str) -> Inspection:
+    """Check the mesh in a worker. Raises ApiError with the worker's words."""
+    task = Task(
+        kind="inspect", folder=str(folder), parent=0, memory_bytes=0, part_name=name, mesh=str(path), units=units
+    )
+    try:
+        async with service.inspections:
+            summary = await service.workers.run(task, lambda _stage, _fraction: None)
+    except WorkerError as error:
+        failed = error.failed
+        raise ApiError(failed.status, failed.title, failed.detail, failed.hint) from None
+    return Inspection(**summary)
+
+
+def _keep(
+    service: Service, person: Person, row: PartRow, folder: Path, path: Path, key: str | None, digest: str
+) -> dict[str, Any]:
+    """Put the files in their places, then the row, in this order: a row never names a missing file."""
+    blobs.place(folder / MESH_FILE, service.store.blobs.mesh(row.inspection.mesh_sha256))
+    blobs.place(path, service.store.blobs.part(row.sha256, row.suffix))
+    with service.store.write() as rows:
+        earlier = idempotency.answered(rows, person.name, key, digest)
+        if earlier is not None:
+            return earlier
+        parts.add(rows, row)
+        answer = document(row).model_dump()
+        idempotency.remember(rows, person.name, key, digest, answer, row.created_at)
+        audit.add(rows, person.deed("upload", row.id), row.created_at, "ok")
+    return answer
+
+
+def _earlier(service: Service, person: Person, key: str | None, digest: str) -> dict[str, Any] | None:
+    with service.store.read() as rows:
+        return idempotency.answered(rows, person.name, key, digest)
+
+
+@router.post("", status_code=201)
+async def upload(
+    person: Operator,
+    service: ServiceOf,
+    file: Annotated[UploadFile, File(description="STL, 3MF, OBJ or PLY")],
+    units: Annotated[Literal["mm", "inch"], Form(description="what the file's numbers mean")] = "mm",
+    idempotency_key: IdempotencyKey = None,
+) -> Part:
+    """Upload a mesh. It is checked, mended where that does not change its shape, and kept; what was found is in `findings`."""
+    name, suffix = safe_name(file.filename)
+    with service.store.blobs.staging() as folder:
+        path = folder / f"{name}{suffix}"
+        sha256, size = await asyncio.to_thread(blobs.copy_hashed, file.file, path)
+        digest = idempotency.request_digest("part", sha256, units, name, suffix)
+        answer = await asyncio.to_thread(_earlier, service, person, idempotency_key, digest)
+        if answer is None:
+            inspection = await _inspect(service, path, folder, name, units)
+            now = service.store.clock()
+            row = PartRow(new_id("part", now), name, suffix, units, sha256, size, now, person.name, inspection)
+            answer = await asyncio.to_thread(_keep, service, person, row, folder, path, idempotency_key, digest)
+    return Part(**answer)
+
+
+@router.get("")
+def list_parts(_person: Viewer, service: ServiceOf, cursor: Cursor = None, limit: Limit = 50) -> Parts:
+    """Parts, newest first."""
+    with service.store.read() as rows:
+        found, following = parts.find_page(rows, cursor, limit)
+    return Parts(items=[document(row) for row in found], next=following)
+
+
+@router.get("/{part_id}")
+def get_part(_person: Viewer, service: ServiceOf, part_id: str) -> Part:
+    """One part."""
+    with service.store.read() as rows:
+        return document(parts.get(rows, part_id))
+
+
+@router.get(
+    "/{part_id}/mesh",
+    response_class=FileResponse,
+    responses={200: {"content": {"model/stl": {}}, "description": "Binary STL, mm"}},
+)
+def get_mesh(_person: Viewer, service: ServiceOf, part_id: str) -> FileResponse:
+    """The mended mesh as binary STL, mm, in the part's own frame."""
+    with service.store.read() as rows:
+        part = parts.get(rows, part_id)
+    path = service.store.blobs.mesh(part.inspection.mesh_sha256)
+    return FileResponse(path, media_type="model/stl", filename=f"{part.name}.stl")

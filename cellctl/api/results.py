@@ -1,0 +1,210 @@
+"""What became of a job: its plan by layer, its program, its proof, its record."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from pydantic import BaseModel
+from starlette.background import BackgroundTask
+
+from cellctl.api.context import Service
+from cellctl.api.models import Program, ProgramFile
+from cellctl.api.problems import DOCUMENTED, ApiError
+from cellctl.api.record import html_of, record_of
+from cellctl.api.sign_in import ServiceOf, Viewer
+from cellctl.planning.view import OVERVIEW, layer_file
+from cellctl.store import jobs
+from cellctl.store.jobs import JobRow
+
+router = APIRouter(prefix="/api/v1/jobs/{job_id}", tags=["results"], responses=DOCUMENTED)
+JSON_FILE = "application/json"
+
+
+class OperationOverview(BaseModel):
+    """One operation of a layer. length_mm: without links"""
+
+    index: int
+    process: str
+    passes: int
+    length_mm: float
+
+
+class LayerOverview(BaseModel):
+    """One layer; heights in mm, build frame."""
+
+    index: int
+    z_bottom: float
+    z_top: float
+    operations: list[OperationOverview]
+
+
+class PlanOverview(BaseModel):
+    """A plan. bounds: lowest and highest corner, mm, build frame; build_from_part: (4, 4)"""
+
+    part: str
+    material: str
+    process: str
+    layers: list[LayerOverview]
+    bounds: list[list[float]]
+    build_from_part: list[list[float]]
+    tolerance_mm: float
+    findings: list[str]
+    volumes: dict[str, float]
+
+
+class PassView(BaseModel):
+    """One pass as a polyline: x0, y0, z0, x1, ... mm, build frame, within 0.02 mm."""
+
+    link: bool
+    laser_w: float
+    feed_mm_s: float
+    points: list[float]
+
+
+class OperationView(BaseModel):
+    """One operation with its passes."""
+
+    index: int
+    process: str
+    note: str
+    passes: list[PassView]
+
+
+class LayerView(BaseModel):
+    """One layer with all its passes."""
+
+    index: int
+    z_bottom: float
+    z_top: float
+    operations: list[OperationView]
+
+
+def _job(service: Service, job_id: str) -> JobRow:
+    with service.store.read() as rows:
+        return jobs.get(rows, job_id)
+
+
+def _made(job: JobRow, sha256: str | None, what: str) -> str:
+    """The hash of something that the job has, or ApiError 404."""
+    if sha256 is None:
+        raise ApiError(
+            404, "Not there yet", f"{job.name} has no {what} (it is {job.state.value})", "look at the job's state"
+        )
+    return sha256
+
+
+def _file(path: Path, media_type: str, filename: str | None = None) -> FileResponse:
+    """A file of the store. Raises ApiError 404 if it is gone."""
+    if not path.is_file():
+        raise ApiError(404, "Not there", f"there is no {path.name}", "see what the job has")
+    return FileResponse(path, media_type=media_type, filename=filename)
+
+
+@router.get("/plan", response_model=PlanOverview)
+def get_plan(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
+    """The plan's layers and operations."""
+    job = _job(service, job_id)
+    return _file(service.store.blobs.view(_made(job, job.plan_sha256, "plan")) / OVERVIEW, JSON_FILE)
+
+
+@router.get("/plan/layers/{layer}", response_model=LayerView)
+def get_layer(_person: Viewer, service: ServiceOf, job_id: str, layer: int) -> Response:
+    """One layer's passes as polylines."""
+    job = _job(service, job_id)
+    if not 0 <= layer < job.layers:
+        raise ApiError(404, "Not found", f"{job.name} has no layer {layer}", f"layers are 0 to {job.layers - 1}")
+    return _file(service.store.blobs.view(_made(job, job.plan_sha256, "plan")) / layer_file(layer), JSON_FILE)
+
+
+@router.get(
+    "/plan/file",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/x-hdf5": {}}, "description": "plan.h5"}},
+)
+def get_plan_file(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
+    """The plan's own file (HDF5)."""
+    job = _job(service, job_id)
+    return _file(service.store.blobs.plan(_made(job, job.plan_sha256, "plan")), "application/x-hdf5", "plan.h5")
+
+
+def _program(service: Service, job_id: str) -> tuple[JobRow, Path, list[Path]]:
+    job = _job(service, job_id)
+    folder = service.store.blobs.program(_made(job, job.program_sha256, "program"))
+    return job, folder, sorted(folder.iterdir())
+
+
+def _zip(files: list[Path]) -> Path:
+    """The files as a zip in a temporary place; the same files give the same bytes."""
+    handle, name = tempfile.mkstemp(suffix=".zip")
+    with os.fdopen(handle, "wb") as target, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in files:
+            archive.writestr(zipfile.ZipInfo(path.name), path.read_bytes(), zipfile.ZIP_DEFLATED)
+    return Path(name)
+
+
+@router.get("/program", response_model=Program, responses={200: {"content": {"application/zip": {}}}})
+def get_program(
+    _person: Viewer, service: ServiceOf, job_id: str, format: Annotated[Literal["json", "zip"], Query()] = "json"
+) -> Any:
+    """The program's files, listed or as a zip."""
+    job, _folder, files = _program(service, job_id)
+    if format == "zip":
+        path = _zip(files)
+        return FileResponse(
+            path, media_type="application/zip", filename="program.zip", background=BackgroundTask(path.unlink)
+        )
+    listing = [ProgramFile(name=path.name, bytes=path.stat().st_size) for path in files]
+    return Program(
+        sha256=job.program_sha256 or "",
+        lines=job.lines_total,
+        layers=job.layers,
+        duration_s=job.duration_s,
+        files=listing,
+    )
+
+
+@router.get(
+    "/program/{name}",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {}, "application/octet-stream": {}}}},
+)
+def get_program_file(_person: Viewer, service: ServiceOf, job_id: str, name: str) -> Response:
+    """One file of the program: G-code as text, the line table as it is."""
+    _job_row, _folder, files = _program(service, job_id)
+    path = next((path for path in files if path.name == name), None)
+    if path is None:
+        raise ApiError(404, "Not found", f"the program has no file {name[:60]!r}", "the listing names its files")
+    text = path.suffix in (".ngc", ".json")
+    return _file(path, "text/plain; charset=utf-8" if text else "application/octet-stream", None if text else path.name)
+
+
+@router.get("/proof", response_model=dict[str, Any])
+def get_proof(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
+    """The whole proof: figures and findings."""
+    job = _job(service, job_id)
+    return _file(service.store.blobs.proof(_made(job, job.proof_sha256, "proof")), JSON_FILE)
+
+
+@router.get(
+    "/proof/picture", response_class=FileResponse, responses={200: {"content": {"image/png": {}}, "description": "PNG"}}
+)
+def get_picture(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
+    """The part as built in the twin, coloured by its deviation."""
+    job = _job(service, job_id)
+    return _file(service.store.blobs.picture(_made(job, job.proof_sha256, "proof")), "image/png")
+
+
+@router.get("/record", response_model=dict[str, Any], responses={200: {"content": {"text/html": {}}}})
+def get_record(
+    _person: Viewer, service: ServiceOf, job_id: str, format: Annotated[Literal["json", "html"], Query()] = "json"
+) -> Response:
+    """What was commanded, read back and done by whom, tied to the hashes of mesh, plan and program."""
+    with service.store.read() as rows:
+        record = record_of(rows, job_id)
+    return HTMLResponse(html_of(record)) if format == "html" else JSONResponse(record)

@@ -1,0 +1,202 @@
+"""Starts queued jobs when the cell is idle and a person has confirmed the table clear, and follows runs in what the cell process wrote."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+import structlog
+
+from cellctl.api.cell_link import CellAbsentError, CellLink
+from cellctl.domain.jobs import ENDED, JobState
+from cellctl.domain.messages import Reply
+from cellctl.domain.snapshot import Snapshot
+from cellctl.store import Store, history, jobs
+from cellctl.store.history import Run
+from cellctl.store.jobs import JobRow
+
+J = JobState
+PERIOD_S = 1.0
+OUTCOMES = {"completed": J.COMPLETED, "aborted": J.ABORTED, "failed": J.FAILED, "interrupted": J.INTERRUPTED}
+MOVING = frozenset({"PREPARING", "RUNNING", "RESUMING"})
+TABLE_NOT_CLEAR = "waits until a person confirms that the table is clear"
+log = structlog.get_logger(__name__)
+
+
+class StartRefusedError(Exception):
+    """The cell would not start the job. `message`, `hint` : one line each"""
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+
+class Runs:
+    """Call `run` as one task; `wake` whenever the cell or a queued job may have changed."""
+
+    def __init__(self, store: Store, link: CellLink, changed: Callable[[str], None]) -> None:
+        self._store = store
+        self._link = link
+        self._changed = changed
+        self._wake = asyncio.Event()
+        self._lock = asyncio.Lock()
+        self.starting: set[str] = set()
+
+    def wake(self) -> None:
+        """Look now."""
+        self._wake.set()
+
+    async def run(self) -> None:
+        """Follow and start, for ever."""
+        while True:
+            self._wake.clear()
+            try:
+                await self.follow()
+                await self._start_next()
+            except Exception:
+                log.exception("runs")
+            try:
+                async with asyncio.timeout(PERIOD_S):
+                    await self._wake.wait()
+            except TimeoutError:
+                pass
+
+    async def follow(self) -> None:
+        """Bring the states of jobs in step with the runs that the cell process wrote down."""
+        snapshot = self._link.fresh
+        async with self._lock:
+            for job_id in await asyncio.to_thread(self._follow_all, snapshot):
+                self._changed(job_id)
+
+    def _follow_all(self, snapshot: Snapshot | None) -> list[str]:
+        with self._store.read() as connection:
+            pending = [
+                (job, history.run_of(connection, job.id))
+                for job in jobs.oldest_in(connection, [J.QUEUED, J.RUNNING, J.HELD])
+            ]
+        changed = []
+        for job, run in pending:
+            if run is not None and self._follow_one(job, run, snapshot):
+                changed.append(job.id)
+        return changed
+
+    def _follow_one(self, job: JobRow, run: Run, snapshot: Snapshot | None) -> bool:
+        target, why = target_of(job, run, snapshot)
+        steps = path_to(job.state, target)
+        lines = max(run.last_line, snapshot.lines.executed if snapshot and is_job_of(snapshot, job.id) else 0)
+        if not steps and why == job.why and lines == job.lines_executed:
+            return False
+        changes = {"why": why, "lines_executed": min(lines, run.total_lines or lines)}
+        if target is J.FAILED:
+            changes["error"] = {
+                "title": "The run failed",
+                "detail": why or "see the events of the job",
+                "hint": "look at the record",
+            }
+        with self._store.write() as connection:
+            if steps:
+                jobs.move(connection, job.id, *steps, at=run.ended_at or self._store.clock(), **changes)
+            else:
+                jobs.change(connection, job.id, **changes)
+            if job.state is J.QUEUED:
+                jobs.forget_clear_tables(connection)
+        return True
+
+    async def _start_next(self) -> None:
+        queued = await asyncio.to_thread(self._queued)
+        is_cell_free = True
+        for job in queued:
+            why = self._why_not(job, is_cell_free)
+            if why:
+                await self._tell(job, why)
+                continue
+            is_cell_free = False
+            try:
+                await self.start(
+                    job, job.approved_by, job.approve_because or "approved and the table was confirmed clear"
+                )
+            except StartRefusedError as error:
+                log.warning("start refused", job=job.id, error=error.message)
+
+    def _queued(self) -> list[JobRow]:
+        with self._store.read() as connection:
+            return [job for job in jobs.oldest_in(connection, [J.QUEUED]) if history.run_of(connection, job.id) is None]
+
+    def _why_not(self, job: JobRow, is_cell_free: bool) -> str:
+        """Why a queued job cannot start now; empty if it can."""
+        if not job.table_clear:
+            return job.why if job.why.startswith("the cell refused") else TABLE_NOT_CLEAR
+        snapshot = self._link.fresh
+        if snapshot is None:
+            return "waits for the cell process to answer"
+        if snapshot.state != "IDLE" or not is_cell_free:
+            return f"waits for the cell to be IDLE (it is {snapshot.state})"
+        return ""
+
+    async def _tell(self, job: JobRow, why: str, **changes: object) -> None:
+        if why == job.why and not changes:
+            return
+
+        def write() -> None:
+            with self._store.write() as connection:
+                if jobs.get(connection, job.id).state is J.QUEUED:
+                    jobs.change(connection, job.id, why=why, **changes)
+
+        await asyncio.to_thread(write)
+        self._changed(job.id)
+
+    async def start(self, job: JobRow, who: str, because: str) -> Reply:
+        """Send one queued job to the cell. Raises StartRefusedError; the table then has to be confirmed again."""
+        program = self._store.blobs.program(job.program_sha256 or "")
+        confirmed = job.timestamps.get("table_clear", 0.0)
+        args = {"job": job.id, "name": job.name, "program": str(program.resolve())}
+        self.starting.add(job.id)
+        try:
+            # The id belongs to one confirmation: asked again after a lost answer, the cell starts it once.
+            reply = await self._link.command(
+                "start", who, because, args, ident=f"start-{job.id}-{confirmed:.3f}", timeout_s=60.0
+            )
+        except CellAbsentError as error:
+            raise StartRefusedError(
+                str(error), "the cell process is restarted by itself; look again in a moment"
+            ) from None
+        finally:
+            self.starting.discard(job.id)
+        if not reply.ok:
+            await self._tell(
+                job,
+                f"the cell refused to start it: {reply.error}" + (f" ({reply.hint})" if reply.hint else ""),
+                table_clear=False,
+            )
+            raise StartRefusedError(reply.error, reply.hint)
+        await self.follow()
+        return reply
+
+
+def is_job_of(snapshot: Snapshot, job_id: str) -> bool:
+    """Whether the cell shows this job."""
+    return snapshot.job is not None and snapshot.job.id == job_id
+
+
+def target_of(job: JobRow, run: Run, snapshot: Snapshot | None) -> tuple[JobState, str]:
+    """Where a job that was started stands, and why: the end that was written down, or what the cell does with it now."""
+    if run.outcome:
+        outcome = OUTCOMES.get(run.outcome, J.INTERRUPTED)
+        why = "" if outcome is J.COMPLETED else f"ended at line {run.last_line} of {run.total_lines}"
+        return outcome, why
+    if snapshot is None or not is_job_of(snapshot, job.id):
+        return (J.RUNNING if job.state is J.QUEUED else job.state), job.why if job.state is not J.QUEUED else ""
+    if snapshot.state in MOVING:
+        return J.RUNNING, snapshot.waiting
+    causes = "; ".join(alarm.cause for alarm in snapshot.alarms)
+    return J.HELD, causes or snapshot.because
+
+
+def path_to(state: JobState, target: JobState) -> list[JobState]:
+    """The steps from one state to another by way of RUNNING, where a step was not seen."""
+    if state is target or state in ENDED:
+        return []
+    if target is J.RUNNING or (state is J.RUNNING) or (state is J.HELD and target is not J.COMPLETED):
+        return [target]
+    return [J.RUNNING, target]

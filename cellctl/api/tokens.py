@@ -1,0 +1,39 @@
+"""Tokens: made, listed and revoked by an admin; the secret is shown once."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from cellctl.api.models import FreshToken, NewToken, Token, Tokens
+from cellctl.api.problems import DOCUMENTED
+from cellctl.api.sign_in import Admin, ServiceOf
+from cellctl.store import audit, tokens
+
+router = APIRouter(prefix="/api/v1/tokens", tags=["tokens"], responses=DOCUMENTED)
+
+
+@router.get("")
+def list_tokens(_person: Admin, service: ServiceOf) -> Tokens:
+    """All tokens, oldest first, without their secrets."""
+    with service.store.read() as rows:
+        return Tokens(items=[Token(**row.__dict__) for row in tokens.every(rows)])
+
+
+@router.post("", status_code=201)
+def create_token(person: Admin, service: ServiceOf, body: NewToken) -> FreshToken:
+    """A new token."""
+    now = service.store.clock()
+    with service.store.write() as rows:
+        row, secret = tokens.create(rows, body.name, body.role, now, body.lifetime_s)
+        audit.add(rows, person.deed("create token", row.id), now, "ok")
+    return FreshToken(**row.__dict__, secret=secret)
+
+
+@router.delete("/{token_id}")
+def revoke_token(person: Admin, service: ServiceOf, token_id: str) -> Token:
+    """End a token and its sessions. Twice is harmless."""
+    now = service.store.clock()
+    with service.store.write() as rows:
+        row = tokens.revoke(rows, token_id, now)
+        audit.add(rows, person.deed("revoke token", token_id), now, "ok")
+    return Token(**row.__dict__)

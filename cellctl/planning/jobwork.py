@@ -1,0 +1,185 @@
+"""One job's way from its part to a proof: each stage is found made already, or made by a worker, and written down."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cellctl.domain.jobs import JobState
+from cellctl.planning import keys
+from cellctl.planning.process import Workers
+from cellctl.planning.task import PICTURE_FILE, PLAN_FILE, PROGRAM_FOLDER, PROOF_FILE, VIEW_FOLDER, Task
+from cellctl.store import Store, blobs, jobs, made, parts
+from cellctl.store.jobs import JobRow
+from cellctl.store.made import Made
+from cellctl.store.parts import PartRow
+from config import Cell
+from planner.recipe import parse_recipe
+
+J = JobState
+Report = Callable[[str, float], None]
+
+
+class Stopped(Exception):
+    """The job is not worked on any more (cancelled meanwhile)."""
+
+
+@dataclass(frozen=True)
+class JobWork:
+    """Work on jobs of one cell. cell_file : where the workers read the same cell"""
+
+    store: Store
+    workers: Workers
+    cell: Cell
+    cell_file: Path
+
+    async def take_through(self, job: JobRow, report: Report) -> None:
+        """From submitted to waiting for approval. Raises WorkerError, WrongJobStateError (cancelled meanwhile)."""
+        part = await asyncio.to_thread(self._part, job)
+        await self._move(job, J.PLANNING, why="")
+        planned = await self._plan(job, part, report)
+        await self._move(
+            job, J.PLANNED, J.POSTING, plan_sha256=planned.sha256, layers=int(planned.summary.get("layers", 0))
+        )
+        posted = await self._post(job, part, planned, report)
+        await self._move(
+            job,
+            J.PROVING,
+            program_sha256=posted.sha256,
+            lines_total=int(posted.summary.get("lines", 0)),
+            duration_s=float(posted.summary.get("duration_s", 0.0)),
+        )
+        proved = await self._prove(part, posted, report)
+        passed = bool(proved.summary.get("passed"))
+        why = (
+            "a person has to approve it"
+            if passed
+            else "the proof did not pass: an engineer may override it with a reason"
+        )
+        await self._move(
+            job, J.PROVEN, J.WAITING_FOR_APPROVAL, proof_sha256=proved.sha256, proof=proved.summary, why=why
+        )
+
+    def _part(self, job: JobRow) -> PartRow:
+        with self.store.read() as connection:
+            return parts.get(connection, job.part_id)
+
+    async def _move(self, job: JobRow, *targets: JobState, **changes: Any) -> None:
+        def move() -> None:
+            with self.store.write() as connection:
+                jobs.move(connection, job.id, *targets, at=self.store.clock(), **changes)
+
+        await asyncio.to_thread(move)
+
+    def _stock(self, job: JobRow) -> tuple[str, str]:
+        """Path and hash of the raw stock's mesh, where the recipe names one by its part id."""
+        stock = parse_recipe(job.recipe_toml).stock
+        if not stock:
+            return "", ""
+        with self.store.read() as connection:
+            part = parts.get(connection, stock)
+        return str(self.store.blobs.mesh(part.inspection.mesh_sha256)), part.inspection.mesh_sha256
+
+    async def _make(self, kind: made.Kind, key: str, path_of: Callable[[str], Path], make: Callable[[], Any]) -> Made:
+        """What was made for the key and is still there, or what `make` makes now."""
+
+        def find() -> Made | None:
+            with self.store.read() as connection:
+                found = made.find(connection, kind, key)
+            return found if found is not None and path_of(found.sha256).exists() else None
+
+        found = await asyncio.to_thread(find)
+        if found is not None:
+            return found
+        fresh: Made = await make()
+
+        def remember() -> None:
+            with self.store.write() as connection:
+                made.add(connection, kind, key, fresh, self.store.clock())
+
+        await asyncio.to_thread(remember)
+        return fresh
+
+    def _task(self, part: PartRow, folder: Path, kind: Any, **fields: str) -> Task:
+        mesh = self.store.blobs.part(part.sha256, part.suffix)
+        return Task(
+            kind=kind,
+            folder=str(folder),
+            parent=0,
+            memory_bytes=0,
+            part_name=part.name,
+            mesh=str(mesh),
+            units=part.units,
+            cell=str(self.cell_file),
+            **fields,
+        )
+
+    async def _plan(self, job: JobRow, part: PartRow, report: Report) -> Made:
+        stock, stock_sha256 = await asyncio.to_thread(self._stock, job)
+        key = keys.plan_key(part.sha256, part.units, part.name, job.recipe_toml, stock_sha256)
+
+        async def make() -> Made:
+            with self.store.blobs.staging() as folder:
+                task = self._task(part, folder, "plan", recipe_toml=job.recipe_toml, stock=stock)
+                summary = await self.workers.run(task, report)
+                return await asyncio.to_thread(self._keep_plan, folder, summary)
+
+        return await self._make("plan", key, self.store.blobs.plan, make)
+
+    async def _post(self, job: JobRow, part: PartRow, planned: Made, report: Report) -> Made:
+        async def make() -> Made:
+            with self.store.blobs.staging() as folder:
+                task = self._task(part, folder, "post", plan=str(self.store.blobs.plan(planned.sha256)))
+                summary = await self.workers.run(task, report)
+                return await asyncio.to_thread(self._keep_program, folder / PROGRAM_FOLDER, summary)
+
+        return await self._make("program", keys.program_key(planned.sha256, self.cell), self.store.blobs.program, make)
+
+    async def _prove(self, part: PartRow, posted: Made, report: Report) -> Made:
+        async def make() -> Made:
+            with self.store.blobs.staging() as folder:
+                task = self._task(part, folder, "prove", program=str(self.store.blobs.program(posted.sha256)))
+                document = await self.workers.run(task, report)
+                return await asyncio.to_thread(self._keep_proof, folder, document)
+
+        key = keys.proof_key(posted.sha256, part.sha256, part.units, self.cell)
+        return await self._make("proof", key, self.store.blobs.proof, make)
+
+    def _keep_plan(self, folder: Path, summary: dict[str, Any]) -> Made:
+        sha256 = blobs.sha256_of(folder / PLAN_FILE)
+        blobs.place(folder / VIEW_FOLDER, self.store.blobs.view(sha256))
+        blobs.place(folder / PLAN_FILE, self.store.blobs.plan(sha256))
+        return Made(sha256, summary)
+
+    def _keep_program(self, source: Path, summary: dict[str, Any]) -> Made:
+        """The hash of program.json names the program: it holds the hashes of its other files."""
+        sha256 = blobs.sha256_of(source / "program.json")
+        blobs.place(source, self.store.blobs.program(sha256))
+        return Made(sha256, summary)
+
+    def _keep_proof(self, folder: Path, document: dict[str, Any]) -> Made:
+        sha256 = blobs.sha256_of(folder / PROOF_FILE)
+        if (folder / PICTURE_FILE).exists():
+            blobs.place(folder / PICTURE_FILE, self.store.blobs.picture(sha256))
+        blobs.place(folder / PROOF_FILE, self.store.blobs.proof(sha256))
+        return Made(sha256, proof_summary(document))
+
+
+def proof_summary(document: dict[str, Any]) -> dict[str, Any]:
+    """The figures of a proof that a job shows: its scalars, and how many findings of each severity."""
+    figures: dict[str, Any] = {
+        name: value for name, value in document.items() if isinstance(value, bool | int | float | str)
+    }
+    for name, value in document.get("deviation", {}).items() if isinstance(document.get("deviation"), dict) else ():
+        if isinstance(value, bool | int | float | str):
+            figures[name] = value
+    counts: dict[str, int] = {}
+    for finding in document.get("findings", []):
+        severity = str(finding.get("severity", "note")) if isinstance(finding, dict) else "note"
+        counts[severity] = counts.get(severity, 0) + 1
+    figures["findings"] = counts
+    return dict(json.loads(json.dumps(figures)))

@@ -1,0 +1,102 @@
+"""Starts a worker for a task, follows its reports and ends it: killed when cancelled, its death told as a reason."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import structlog
+
+from cellctl.planning.task import Done, Failed, Progress, Report, Task
+
+LINE_LIMIT = 64 << 20  # bytes of one report; findings of a bad mesh can be many
+STDERR_TAIL = 2000
+log = structlog.get_logger(__name__)
+
+
+class WorkerError(Exception):
+    """A task that was not done: {title, detail, hint}; bad_input says whether the input is at fault."""
+
+    def __init__(self, failed: Failed) -> None:
+        super().__init__(failed.detail)
+        self.failed = failed
+
+
+@dataclass(frozen=True)
+class Workers:
+    """How workers are started. folder : for task files and logs; memory_bytes : cap of each"""
+
+    folder: Path
+    memory_bytes: int
+
+    async def run(self, task: Task, progress: Callable[[str, float], None]) -> dict[str, Any]:
+        """Carry a task out in a process of its own; its summary. Raises WorkerError; a cancelled call kills the process."""
+        task = replace_limits(task, os.getpid(), self.memory_bytes)
+        with tempfile.TemporaryDirectory(dir=self.folder) as scratch, tempfile.TemporaryFile(dir=self.folder) as stderr:
+            path = Path(scratch) / "task.json"
+            path.write_bytes(msgspec.json.encode(task))
+            command = [sys.executable, "-m", "cellctl.planning.worker", str(path)]
+            process = await asyncio.create_subprocess_exec(
+                *command,
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=stderr,
+                limit=LINE_LIMIT,
+            )
+            try:
+                end = await _follow(process, progress)
+                code = await process.wait()
+            finally:
+                if process.returncode is None:
+                    process.kill()
+                    await process.wait()
+            tail = _tail(stderr)
+        if isinstance(end, Done):
+            return end.summary
+        if end is None:
+            end = Failed(
+                "The worker ended", f"the worker of this {task.kind} {_cause_of_death(code)}", "ask for it again", 503
+            )
+        if tail:
+            log.warning("worker failed", kind=task.kind, part=task.part_name, detail=end.detail, stderr=tail)
+        raise WorkerError(end)
+
+
+def replace_limits(task: Task, parent: int, memory_bytes: int) -> Task:
+    """The task with who waits for it and what it may use."""
+    return msgspec.structs.replace(task, parent=parent, memory_bytes=memory_bytes)
+
+
+async def _follow(process: asyncio.subprocess.Process, progress: Callable[[str, float], None]) -> Done | Failed | None:
+    """Read reports until the worker closes its line; its last word, None if it left without one."""
+    end: Done | Failed | None = None
+    if process.stdout is None:
+        return None
+    async for line in process.stdout:
+        report = msgspec.json.decode(line, type=Report)
+        if isinstance(report, Progress):
+            progress(report.stage, report.fraction)
+        else:
+            end = report
+    return end
+
+
+def _cause_of_death(code: int) -> str:
+    if code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
+        return f"was killed by signal {name}"
+    return f"ended with code {code} and no result"
+
+
+def _tail(file: Any) -> str:
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - STDERR_TAIL))
+    return str(file.read().decode(errors="replace")).strip()

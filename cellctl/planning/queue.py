@@ -1,0 +1,137 @@
+"""Takes submitted jobs through plan, post and proof, oldest first, one at a time unless told otherwise."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import structlog
+
+from cellctl.domain.jobs import JobState, WrongJobStateError
+from cellctl.planning.jobwork import JobWork, Stopped
+from cellctl.planning.process import WorkerError
+from cellctl.planning.task import Failed
+from cellctl.store import Store, jobs
+from cellctl.store.jobs import JobRow
+from cellctl.store.parts import NotFoundError
+
+J = JobState
+log = structlog.get_logger(__name__)
+UNFINISHED = (J.PLANNING, J.PLANNED, J.POSTING, J.PROVING, J.PROVEN)
+
+
+@dataclass(frozen=True)
+class StageProgress:
+    """Where the work on a job stands. fraction : 0 to 1 of the stage"""
+
+    stage: str
+    fraction: float
+
+
+class PlanningQueue:
+    """Call `run` as one task; `wake` after a job was added; `cancel` after a job was cancelled in the store.
+
+    changed : told the job's id after every change
+    """
+
+    def __init__(self, store: Store, work: JobWork, changed: Callable[[str], None], slots: int = 1) -> None:
+        self._store = store
+        self._work = work
+        self._changed = changed
+        self._slots = slots
+        self._wake = asyncio.Event()
+        self._running: dict[str, asyncio.Task[None]] = {}
+        self.progress: dict[str, StageProgress] = {}
+
+    def wake(self) -> None:
+        """Look for submitted jobs now."""
+        self._wake.set()
+
+    def cancel(self, job_id: str) -> None:
+        """End the worker of a job, if it has one."""
+        task = self._running.get(job_id)
+        if task is not None:
+            task.cancel()
+
+    async def run(self) -> None:
+        """Work for ever. Jobs that were in work when the service ended are submitted again first."""
+        await asyncio.to_thread(self._resubmit)
+        try:
+            while True:
+                self._wake.clear()
+                await self._start_what_fits()
+                await self._wake.wait()
+        finally:
+            for task in self._running.values():
+                task.cancel()
+            await asyncio.gather(*self._running.values(), return_exceptions=True)
+
+    def _resubmit(self) -> None:
+        with self._store.write() as connection:
+            for job in jobs.oldest_in(connection, UNFINISHED):
+                if (state := job.state) in (J.PLANNED, J.PROVEN):
+                    log.error("job rests in a passing state", job=job.id, state=state.value)
+                    continue
+                jobs.move(
+                    connection,
+                    job.id,
+                    J.SUBMITTED,
+                    at=self._store.clock(),
+                    why="the service restarted; this step starts again",
+                )
+
+    async def _start_what_fits(self) -> None:
+        waiting = await asyncio.to_thread(self._waiting)
+        for job in waiting:
+            if len(self._running) >= self._slots:
+                return
+            if job.id not in self._running:
+                task = asyncio.create_task(self._take_through(job), name=f"job {job.id}")
+                self._running[job.id] = task
+                task.add_done_callback(partial(self._finished, job.id))
+
+    def _waiting(self) -> list[JobRow]:
+        with self._store.read() as connection:
+            return jobs.oldest_in(connection, [J.SUBMITTED])
+
+    def _finished(self, job_id: str, _task: asyncio.Task[None]) -> None:
+        self._running.pop(job_id, None)
+        self.progress.pop(job_id, None)
+        self._changed(job_id)
+        self.wake()
+
+    async def _take_through(self, job: JobRow) -> None:
+        """All stages of one job; whatever stops it ends up in the job."""
+
+        def report(stage: str, fraction: float) -> None:
+            self.progress[job.id] = StageProgress(stage, fraction)
+            self._changed(job.id)
+
+        try:
+            await self._work.take_through(job, report)
+        except WorkerError as error:
+            await self._fail(job.id, error.failed)
+        except (Stopped, WrongJobStateError, NotFoundError):
+            log.info("job left the planning queue", job=job.id)
+        except asyncio.CancelledError:
+            raise
+        except Exception as error:
+            log.exception("planning queue", job=job.id)
+            await self._fail(
+                job.id,
+                Failed("Internal fault", f"{type(error).__name__}: {error}", "the service's log has the details", 500),
+            )
+
+    async def _fail(self, job_id: str, failed: Failed) -> None:
+        document = {"title": failed.title, "detail": failed.detail, "hint": failed.hint}
+
+        def move() -> None:
+            with self._store.write() as connection:
+                jobs.move(connection, job_id, J.FAILED, at=self._store.clock(), error=document, why="")
+
+        try:
+            await asyncio.to_thread(move)
+        except WrongJobStateError:
+            log.info("job was cancelled while it failed", job=job_id)

@@ -1,0 +1,112 @@
+"""What the workers do, each a call into planner or sim with files on both sides. Imports are inside: a worker loads what it needs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cellctl.planning.task import MESH_FILE, PICTURE_FILE, PLAN_FILE, PROGRAM_FOLDER, PROOF_FILE, VIEW_FOLDER, Task
+
+if TYPE_CHECKING:
+    from planner.mesh import Finding
+    from planner.recipe import Recipe
+
+Report = Callable[[str, float], None]
+
+
+def finding_document(finding: Finding) -> dict[str, Any]:
+    """A finding of the mesh as JSON; place in mm or null."""
+    place = None if finding.place is None else [round(float(value), 4) for value in finding.place]
+    return {
+        "kind": finding.kind,
+        "count": finding.count,
+        "place_mm": place,
+        "mended": finding.mended,
+        "volume_change_mm3": float(finding.volume_change_mm3),
+        "text": str(finding),
+    }
+
+
+def inspect(task: Task, report: Report) -> dict[str, Any]:
+    """Load and check the mesh; writes the mended one as binary STL. Raises MeshError."""
+    from planner.mesh import load_checked
+
+    report("reading the mesh", 0.0)
+    loaded = load_checked(Path(task.mesh), task.units)
+    loaded.mesh.to_trimesh().export(Path(task.folder) / MESH_FILE, file_type="stl")
+    return {
+        "mesh_sha256": loaded.mesh.sha256,
+        "bbox_mm": loaded.mesh.bounds.tolist(),
+        "facets": len(loaded.mesh.facets),
+        "volume_mm3": loaded.mesh.volume,
+        "findings": [finding_document(finding) for finding in loaded.findings],
+    }
+
+
+def recipe_of(task: Task) -> Recipe:
+    """The task's recipe, its stock named by file. Raises RecipeError."""
+    from planner.recipe import parse_recipe
+
+    recipe = parse_recipe(task.recipe_toml, f"recipe of {task.part_name}")
+    return recipe.model_copy(update={"stock": task.stock}) if task.stock else recipe
+
+
+def plan(task: Task, report: Report) -> dict[str, Any]:
+    """Plan the part; writes plan.h5. Raises PlannerError."""
+    import planner
+    from cellctl.planning.view import write_views
+    from planner.files import write_plan
+    from planner.mesh import load
+
+    mesh = load(Path(task.mesh), task.units)
+    made = planner.plan(mesh, recipe_of(task), part_name=task.part_name, progress=report)
+    write_plan(made, Path(task.folder) / PLAN_FILE)
+    report("drawing", 1.0)
+    write_views(made, Path(task.folder) / VIEW_FOLDER)
+    return {"layers": len(made.layers), "findings": list(made.findings), "volumes_mm3": dict(made.volumes_mm3)}
+
+
+def post(task: Task, report: Report) -> dict[str, Any]:
+    """Post the plan for the cell; writes the program's folder. Raises PlannerError, ConfigError."""
+    import planner
+    from config import load_cell
+    from planner.files import read_plan, write_program
+
+    report("posting", 0.0)
+    cell = load_cell(task.cell)
+    made = planner.post(read_plan(Path(task.plan)), cell, dialect=cell.cnc.firmware)
+    write_program(made, Path(task.folder) / PROGRAM_FOLDER)
+    return {"lines": len(made.lines), "duration_s": float(made.duration_s)}
+
+
+def prove(task: Task, report: Report) -> dict[str, Any]:
+    """Run the program in the twin; writes proof.json and proof.png. Raises PlannerError, ConfigError and the twin's errors."""
+    import sim
+    from config import load_cell
+    from planner.files import read_program
+    from planner.mesh import load
+
+    program = read_program(Path(task.program))
+    proof = sim.prove(
+        program,
+        load_cell(task.cell),
+        load(Path(task.mesh), task.units),
+        progress=lambda *at: report("proving", float(at[-1])),
+    )
+    document = proof.to_json()
+    document = json.loads(document) if isinstance(document, str | bytes) else document
+    folder = Path(task.folder)
+    (folder / PROOF_FILE).write_text(json.dumps(document, indent=1, sort_keys=True), encoding="utf-8")
+    if proof.picture:
+        (folder / PICTURE_FILE).write_bytes(proof.picture)
+    return document  # type: ignore[no-any-return]
+
+
+STAGES: dict[str, Callable[[Task, Report], dict[str, Any]]] = {
+    "inspect": inspect,
+    "plan": plan,
+    "post": post,
+    "prove": prove,
+}

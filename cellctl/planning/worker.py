@@ -1,0 +1,100 @@
+"""One task in a process of its own: `python -m cellctl.planning.worker TASK.json`; reports as JSON lines on its stdout."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import msgspec
+
+from cellctl.faults import explain
+from cellctl.planning.task import Done, Failed, Progress, Report, Task
+
+PR_SET_PDEATHSIG = 1
+NICENESS = 10
+REPORT_PERIOD_S = 0.1
+
+
+def end_with(parent: int) -> None:
+    """Be killed when the parent ends, however it ends. Raises SystemExit if it has ended already."""
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        raise SystemExit(1)
+
+
+def be_modest(memory_bytes: int) -> None:
+    """Low priority, and an address space that cannot take the machine down."""
+    os.nice(NICENESS)
+    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+class Line:
+    """The way back: one JSON line per report, progress at most ten times a second. Whatever prints otherwise goes to stderr."""
+
+    def __init__(self) -> None:
+        self._file = os.fdopen(os.dup(1), "wb", buffering=0)
+        os.dup2(2, 1)
+        self._last = 0.0
+
+    def send(self, report: Report) -> None:
+        """Write one report."""
+        self._file.write(msgspec.json.encode(report) + b"\n")
+
+    def progress(self, stage: str, fraction: float) -> None:
+        """Tell how far it is, if it was not told just now."""
+        now = time.monotonic()
+        if now - self._last >= REPORT_PERIOD_S:
+            self._last = now
+            self.send(Progress(stage, min(max(float(fraction), 0.0), 1.0)))
+
+
+def work(task: Task, line: Line) -> None:
+    """Carry the task out and report its end."""
+    from cellctl.planning.stages import STAGES
+
+    try:
+        line.send(Done(STAGES[task.kind](task, line.progress)))
+    except MemoryError:
+        limit = f"{task.memory_bytes / 2**30:.1f} GiB"
+        line.send(
+            Failed(
+                "Out of memory",
+                f"{task.part_name}: needs more than the {limit} that a worker may use",
+                "use a coarser mesh or recipe",
+            )
+        )
+    except Exception as error:  # noqa: BLE001  the task's edge: whatever happens is told to the one who waits
+        fault = explain(error)
+        if fault is not None:
+            line.send(Failed(fault.title, fault.detail, fault.hint, fault.status))
+            return
+        traceback.print_exc()
+        line.send(
+            Failed(
+                "Internal fault",
+                f"{type(error).__name__}: {error}",
+                "the service's log has the details; please report it",
+                500,
+            )
+        )
+
+
+def main(path: str) -> int:
+    """Run the task in a file; exit 0 once its end was reported, whatever that is."""
+    line = Line()
+    task = msgspec.json.decode(Path(path).read_bytes(), type=Task)
+    end_with(task.parent)
+    be_modest(task.memory_bytes)
+    work(task, line)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))
