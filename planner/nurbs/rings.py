@@ -165,7 +165,7 @@ class _Loop:
     @property
     def points(self) -> Floats:
         """(k, 2) float, mm   The vertices that the curve goes through."""
-        return self._path[self._is_chosen]
+        return np.asarray(self._path[self._is_chosen])
 
     @property
     def corner(self) -> Mask:

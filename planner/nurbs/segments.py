@@ -119,7 +119,7 @@ def _corner_mask(corners: ArrayLike | None, count: int, index: int) -> Mask:
 
 def _unit_tangents(tangents: ArrayLike | None, points: Floats, index: int) -> Floats:
     if tangents is None:
-        return np.full_like(points, np.nan)
+        return np.broadcast_to(np.nan, points.shape)
     given = np.asarray(tangents, dtype=np.float64)
     if given.shape != points.shape:
         raise FitError(f"contour {index} has points {points.shape} but tangents {given.shape}")

@@ -38,8 +38,10 @@ def five_point_tangents(chords: Chords) -> tuple[Floats, Floats, Chords]:
         chords = chords.broken_at(cusps | (chords.follows < 0))
     joint = _along_straight_sides(joint, vectors, chords)
     joint[is_known] = known[is_known]
-    at_start = _end_directions(vectors, chords.follows)
-    at_end = _end_directions(vectors, chords.precedes)
+    at_start, at_end = np.empty_like(vectors), np.empty_like(vectors)
+    free_start, free_end = np.flatnonzero(chords.precedes < 0), np.flatnonzero(chords.follows < 0)
+    at_start[free_start] = _end_directions(vectors, free_start, chords.follows[free_start])
+    at_end[free_end] = _end_directions(vectors, free_end, chords.precedes[free_end])
     if is_known.any():
         mirrored_start = np.flatnonzero(is_known & (chords.precedes < 0))
         at_start[mirrored_start] = _mirrored(known[mirrored_start], vectors[mirrored_start])
@@ -60,7 +62,7 @@ def _joint_directions(vectors: Floats, chords: Chords) -> tuple[Floats, Mask]:
     follows, precedes = chords.follows, chords.precedes
     goes_on = follows >= 0
     after = np.where(goes_on, follows, 0)
-    length = np.linalg.norm(vectors, axis=1)
+    length = _length(vectors)
     shorter, longer = np.minimum(length, length[after]), np.maximum(length, length[after])
     share = np.where(longer >= _STRAIGHT * shorter, shorter / longer, 1.0)
     area = np.where(goes_on, share * _cross_length(vectors, vectors[after]), 0.0)
@@ -73,33 +75,32 @@ def _joint_directions(vectors: Floats, chords: Chords) -> tuple[Floats, Mask]:
     weight = np.where(straight, 0.5, area_before / np.where(straight, 1.0, total))[:, None]
     directions = (1.0 - weight) * vectors + weight * vectors[after]
     reach = (1.0 - weight[:, 0]) * length + weight[:, 0] * length[after]
-    cusps = goes_on & (np.linalg.norm(directions, axis=1) <= _CUSP * reach)
+    cusps = goes_on & (_length(directions) <= _CUSP * reach)
     return directions, cusps
 
 
 def _along_straight_sides(joint: Floats, vectors: Floats, chords: Chords) -> Floats:
     """V of Eq. 3 with the long chord's own direction wherever a chord meets a much shorter one."""
-    length = np.linalg.norm(vectors, axis=1)
+    length = _length(vectors)
     after = np.where(chords.follows >= 0, chords.follows, np.arange(len(vectors)))
     joint = np.where((length >= _STRAIGHT * length[after])[:, None], vectors, joint)
     return np.where((length[after] >= _STRAIGHT * length)[:, None], vectors[after], joint)
 
 
-def _end_directions(vectors: Floats, inner: NDArray[np.intp]) -> Floats:
-    """V at the end of every chord from the chord `inner` on its other side (-1: none, the chord itself).
+def _end_directions(vectors: Floats, outer: NDArray[np.intp], inner: NDArray[np.intp]) -> Floats:
+    """V at the free end of the chords `outer`, from the chords `inner` on their other side (-1: none, straight).
 
     With q0 = 2 q1 - q2 both areas of Eq. 4 are equal, so V = 3/2 q1 - 1/2 q2. Where q2 is much longer than q1 the
     same rule by chord length (the parabola through the three points) takes its place.
     """
     has_inner = inner >= 0
-    other = vectors[np.where(has_inner, inner, 0)]
-    own_length = np.linalg.norm(vectors, axis=1)[:, None]
-    other_length = np.linalg.norm(other, axis=1)[:, None]
-    printed = 1.5 * vectors - 0.5 * other
-    own_slope = vectors / own_length
+    own, other = vectors[outer], vectors[np.where(has_inner, inner, 0)]
+    own_length, other_length = _length(own)[:, None], _length(other)[:, None]
+    printed = 1.5 * own - 0.5 * other
+    own_slope = own / own_length
     parabola = own_slope - (other / other_length - own_slope) * own_length / (own_length + other_length)
     directions = np.where(other_length <= _UNEVEN * own_length, printed, parabola)
-    return np.where(has_inner[:, None], directions, vectors)
+    return np.where(has_inner[:, None], directions, own)
 
 
 def _mirrored(tangents: Floats, vectors: Floats) -> Floats:
@@ -111,8 +112,12 @@ def _mirrored(tangents: Floats, vectors: Floats) -> Floats:
 def _cross_length(first: Floats, second: Floats) -> Floats:
     if first.shape[1] == 2:
         return np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-    return np.asarray(np.linalg.norm(np.cross(first, second), axis=1))
+    return _length(np.cross(first, second))
+
+
+def _length(vectors: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
 def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+    return np.asarray(vectors / _length(vectors)[:, None])
