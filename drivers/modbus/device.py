@@ -14,7 +14,7 @@ from drivers.modbus.readback import Disagreements, Heartbeat
 from drivers.modbus.registers import LIMITS, check_range, decode, encode, meanings, spans
 
 HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
-RETRY_S = 0.3  # pause after a device did not answer: on a shared line the others must not wait for it at every cycle
+RETRY_S = 0.3  # pause after a device missed twice: longer than it is waited out, so that others on its line have their turn
 RECHECK_CYCLES = 25  # set-points without a read-back register are read from their own table this often
 
 
@@ -56,6 +56,7 @@ class DeviceClient:
         self._write_only: set[str] = set()
         self._cycles = 0
         self._is_up = False
+        self._misses = 0  # cycles without an answer, in a row
         self._answered_at = -math.inf
         self._retry_at = -math.inf
 
@@ -133,6 +134,7 @@ class DeviceClient:
             return
         self._answered_at = self.clock.now()
         self._is_up = True
+        self._misses = 0
         self.last_error = self._named(error) if error else None
         self._compare()
 
@@ -252,10 +254,11 @@ class DeviceClient:
         now = self.clock.now()
         self.last_error = self._named(error)
         self._written.clear()
-        if isinstance(error, DeviceSilent) and self.link.connected:
-            self._retry_at = now + self.device.timeout_s
-        else:
+        self._misses += 1
+        is_once = isinstance(error, DeviceSilent) and self.link.connected and self._misses == 1
+        if not is_once:
             self._retry_at = now + RETRY_S
+        if not self.link.connected:
             self._lose()
         if now - self._answered_at > self.device.dead_man_s:
             self._lose()

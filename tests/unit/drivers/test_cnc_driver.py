@@ -14,7 +14,15 @@ from drivers.cnc.events import (
     StatusReport,
     Welcome,
 )
-from drivers.errors import CommandRefused, DeviceFault, DeviceSilent, FirmwareMismatch, FirmwareUnknown, LinkLost, RangeError_
+from drivers.errors import (
+    CommandRefused,
+    DeviceFault,
+    DeviceSilent,
+    FirmwareMismatch,
+    FirmwareUnknown,
+    LinkLost,
+    RangeError_,
+)
 from tests.unit.drivers.fakes import FakeCnc, ManualClock, far_end, program
 
 KINDS = ["grblhal", "grbl"]
@@ -188,7 +196,13 @@ async def test_dollar_command_during_a_program_is_refused_here_as_it_would_poiso
 
 @pytest.mark.parametrize(
     ("line", "why"),
-    [("$H", "cannot be streamed"), ("N1 G1 X1 !", "character"), ("N1 (ü)", "character"), ("N2 G1 X1", "carries N2"), ("N1 " + "X1" * 150, "characters")],
+    [
+        ("$H", "cannot be streamed"),
+        ("N1 G1 X1 !", "character"),
+        ("N1 (ü)", "character"),
+        ("N2 G1 X1", "carries N2"),
+        ("N1 " + "X1" * 150, "characters"),
+    ],
 )
 async def test_line_that_would_do_harm_is_not_sent(line: str, why: str) -> None:
     driver, cnc, _, clock = far_end()
@@ -251,7 +265,7 @@ async def test_answer_time_stands_still_while_the_machine_pauses(state: str) -> 
 
 async def test_answer_time_is_extended_by_the_predicted_time_of_what_the_controller_holds() -> None:
     lines = ["N1 G93 G1 X100 F2", "N2 X200 F2", "N3 G94", "N4 G4 P20", "N5 M2"]
-    driver, cnc, _, clock = far_end(FakeCnc(planner=1, line_s=30.0), answer_timeout_s=1.0)
+    driver, _, _, clock = far_end(FakeCnc(planner=1, line_s=30.0), answer_timeout_s=1.0)
     await driver.identify()
     driver.load(lines)
     driver.release(5)
