@@ -164,5 +164,6 @@ def offsets() -> Table:
         ["source", "distance, mm", "error of our polygon, mm", "of shapely.buffer, mm", "of our curve, mm", "pieces",
          "inset, ms", "shapely.buffer, ms", "curves, ms"],
         rows,
-        "Largest difference from the asked distance to the exact source curve; polygons sampled every 0.1 mm; shapely.buffer with its default of 16 sides per quarter.",
+        "Largest difference from the asked distance to the exact source curve; polygons sampled every 0.1 mm; "
+        "shapely.buffer with its default of 16 sides per quarter.",
     )  # fmt: skip
