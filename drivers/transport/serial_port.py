@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import stat
 import struct
 import termios
 
@@ -105,6 +106,13 @@ def open_error(path: str, error: Exception) -> LinkError:
         return PortDenied(f"serial port {path}: permission denied", "add this user to the port's group (dialout), then sign in again")
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         return PortAbsent(f"serial port {path} does not exist", "connect the device, or name its port in the cell file")
-    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL):
+    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL) or _is_other_than_device(path):
         return PortAbsent(f"{path} is not a serial port", "name the device's port in the cell file")
     return PortAbsent(f"serial port {path} cannot be opened: {error}", "check port and baud rate in the cell file")
+
+
+def _is_other_than_device(path: str) -> bool:
+    try:
+        return not stat.S_ISCHR(os.stat(path).st_mode)
+    except OSError:
+        return False
