@@ -157,7 +157,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--store", required=True, type=Path, help="store file (SQLite)")
     parser.add_argument("--stop-port", type=int, default=None, help="port of the stop listener; 0: any free one")
     given = parser.parse_args(arguments)
-    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+    structlog.configure(
+        processors=[structlog.processors.add_log_level, structlog.processors.TimeStamper(fmt="iso"), structlog.processors.dict_tracebacks,
+                    structlog.processors.JSONRenderer()],
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )  # fmt: skip
     try:
         given.run.mkdir(parents=True, exist_ok=True)
         given.store.parent.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,7 @@ from drivers.cnc.events import (
     AlarmRaised,
     AnswerOverdue,
     CncEvent,
+    LineAccepted,
     LineRejected,
     Message,
     PortLost,
@@ -233,6 +234,9 @@ class Controller:
             if self.run is not None:
                 self.run.report(event.status)
                 self.hand.factor = self.run.follower.power_factor(event.status.overrides[0] / 100.0)
+        elif isinstance(event, LineAccepted):
+            if self.run is not None:
+                self.run.answered(self.times.wire.now())
         elif isinstance(event, PortLost):
             self.is_cnc_alive = False
             if busy:

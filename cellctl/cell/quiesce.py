@@ -34,7 +34,11 @@ class Quiesce:
         status = self._d.cnc.status
         if status is None:
             return False
-        if status.is_held or status.state in ("Alarm", "Sleep") or (status.state == "Door" and status.substate in (0, 1, None)):
+        if (
+            status.is_held
+            or status.state in ("Alarm", "Sleep")
+            or (status.state == "Door" and status.substate in (0, 1, None))
+        ):
             return True
         return status.is_idle and status.at > self._began_at and self._d.cnc.is_drained
 

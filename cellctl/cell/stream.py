@@ -83,6 +83,7 @@ class Run:
         self._cursor = 0
         self._barriers = np.unique(schedule["n"][schedule["barrier"] == 1]).astype(int)
         self._released = 0
+        self._answered_at = -1.0
         tools = np.flatnonzero(program.table["kind"] == LineKind.TOOL)
         found = ((int(i), TOOL_WORD.search(program.lines[int(i)])) for i in tools)
         self._tools = [(i, int(word.group(1))) for i, word in found if word]
@@ -204,7 +205,17 @@ class Run:
         return self._released >= self.total and self._is_standing_at(self.total)
 
     def _is_standing_at(self, count: int) -> bool:
-        return self._d.cnc.is_drained and self.executed >= count
+        """Whether the machine stands with `count` lines executed, told by a report that is younger than the last answer.
+
+        A report that came with or before the answer may have been made before the line was parsed.
+        """
+        status = self._d.cnc.status
+        is_told = status is not None and status.is_idle and status.at > self._answered_at
+        return is_told and self._d.cnc.is_drained and self.executed >= count
+
+    def answered(self, at: float) -> None:
+        """A line was answered at wire time `at` (s)."""
+        self._answered_at = at
 
     def begin_barrier(self) -> None:
         """Make the guarded sequence of the line that is next; a beginning without barrier has none."""
@@ -226,7 +237,12 @@ class Run:
             if cnc.status is not None and cnc.status.state in ("Hold", "Door"):
                 cnc.resume()
 
-        return Step("waiting until the CNC is Idle", lambda: cnc.status is not None and cnc.status.is_idle, IDLE_TIMEOUT_S, act=let_go)
+        return Step(
+            "waiting until the CNC is Idle",
+            lambda: cnc.status is not None and cnc.status.is_idle,
+            IDLE_TIMEOUT_S,
+            act=let_go,
+        )
 
     def _skip_to(self, n: int) -> None:
         """Carry out what was due before line n and was not reached by prediction: the machine stands at n."""
