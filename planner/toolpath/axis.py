@@ -19,6 +19,8 @@ STEEPEST_AXIS = 0.35
 """Least z of a ruling that the flank follows: beyond 70 degrees from the build direction a wall is a ledge."""
 _STEP_MM = 0.5  # between points round a wall; the curve through them is within 1e-4 mm at radii above 1 mm
 _GOUGE_MM = 5e-3  # how far the flank may cut into the wall elsewhere: points of the path that do are left out
+_FEWEST = 8  # poses that still make a path round a wall
+_JUMP_RAD = np.radians(20.0)  # between neighbouring poses: more is no ruling that changes, but another wall
 _TURN = np.cos(np.radians(25.0))  # tip paths that turn more from point to point have a corner there
 
 
@@ -28,7 +30,8 @@ def ruled_motions(wall: Wall, excess_mm: float, below_mm: float, floor_z: float 
     wall : bottom and top with the part on their left   below_mm : how far the flank reaches under the bottom
     floor_z : the cutter's end stays above it; None: free below.
     Tip = bottom point + (radius + what is left) x normal, axis = ruling: the flank touches the whole ruling. Points at
-    which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left.
+    which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left or the axis would
+    have to jump.
     """
     count = max(24, int(np.ceil(max(wall.bottom.length, wall.top.length) / _STEP_MM)))
     u = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), wall.bottom.breaks]))[:-1]
@@ -45,9 +48,15 @@ def ruled_motions(wall: Wall, excess_mm: float, below_mm: float, floor_z: float 
             dip = radius * np.hypot(axis[:, 0], axis[:, 1])
             tip = tip + (np.maximum(floor_z - (tip[:, 2] - dip), 0.0) / axis[:, 2])[:, None] * axis
         free = _is_free(tip, axis, np.vstack([low, high]), radius + leave)
-        if free.sum() >= 8:
+        if free.sum() >= _FEWEST and _largest_turn(axis[free]) <= _JUMP_RAD:
             motions.append(_closed(tip[free][::-1], axis[free][::-1]))
     return motions
+
+
+def _largest_turn(axis: Floats) -> float:
+    """Largest angle between neighbouring axes of a closed path, rad.  axis : (n, 3) float, unit."""
+    step = np.linalg.norm(np.roll(axis, -1, axis=0) - axis, axis=1)
+    return float(2.0 * np.arcsin(np.minimum(0.5 * step.max(), 1.0)))
 
 
 def _with_corner_turns(low: Floats, axis: Floats, normal: Floats) -> tuple[Floats, Floats, Floats]:

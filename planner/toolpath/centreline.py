@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _SPACING = 0.12  # of the bead's width: outline samples; the middle line wavers by less than a tenth of that
+_CORNER = 0.5  # of the bead's width: corners sharper than about 37 degrees reach farther and count as thin walls
+_LEAST_AREA = 0.02  # of the width squared
+_MOST_ARMS = 50  # of one piece: a grating of more walls than that is planned without its shortest ones
 _LEAST_LENGTH = 0.5  # of the bead's width: shorter middles are corners of thicker regions
 
 
@@ -42,12 +45,13 @@ class ThinPart:
 def thin_parts(region: MultiPolygon, width_mm: float) -> list[ThinPart]:
     """The pieces of a region that a bead of this width, kept inside the outline, cannot reach.
 
-    Corners, which every round bead leaves, are no pieces: those have no middle longer than half a width.
+    Corners, which every round bead leaves, are no pieces: they end less than half a width from where beads reach.
     """
     reached = outset(inset(region, 0.5 * width_mm), 0.5 * width_mm + 1e-3)
+    far = shapely.buffer(reached, _CORNER * width_mm)
     found = []
     for piece in shapely.get_parts(shapely.difference(region, reached)):
-        if piece.geom_type != "Polygon" or piece.area < 0.02 * width_mm**2:
+        if piece.geom_type != "Polygon" or shapely.difference(piece, far).area < _LEAST_AREA * width_mm**2:
             continue
         lines, closed = _middle_lines(piece, width_mm)
         if lines:
@@ -67,7 +71,7 @@ def _middle_lines(piece: Polygon, width_mm: float) -> tuple[list[Floats], list[b
         path, is_loop = _longest(points, ends[left], lengths[left])
         line = points[path]
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-        if length < max(_LEAST_LENGTH * width_mm, 2.0 * 2.0 * piece.area / piece.length * 0.5):
+        if length < max(_LEAST_LENGTH * width_mm, 2.0 * piece.area / piece.length):
             break
         lines.append(_smoothed(line, is_loop))
         closed.append(is_loop)
@@ -77,9 +81,6 @@ def _middle_lines(piece: Polygon, width_mm: float) -> tuple[list[Floats], list[b
         if not left.any():
             break
     return lines, closed
-
-
-_MOST_ARMS = 50
 
 
 def _skeleton(piece: Polygon, spacing_mm: float) -> tuple[Floats, Ints, Floats]:

@@ -42,21 +42,21 @@ def side_operation(
     below : the finished section under the band, mm   excess_mm : metal outside the walls.
     """
     findings = _unreached_findings(band, settings)
-    if band.kind == "ruled":
-        passes = _ruled_passes(band, below, excess_mm, settings)
-    else:
+    note: str = band.kind
+    passes = _ruled_passes(band, below, excess_mm, settings) if band.kind == "ruled" else []
+    if not passes:
+        note = "upright" if band.kind == "upright" else "stepped"
         passes = upright_passes(band.region, band.z_bottom, excess_mm, settings)
         if _may_reach_under(band, below, passes, settings):
             passes = upright_passes(band.region, band.z_bottom - OVERLAP_MM, excess_mm, settings)
-    if band.kind == "stepped":
+    if note == "stepped":
         findings.append(
-            f"layers {band.first}-{band.last}: no straight lines join the wall's contours; it is milled upright outside "
-            "them and keeps its cusps"
+            f"layers {band.first}-{band.last}: the flank cannot follow the wall; it is milled upright outside it and keeps cusps"
         )
     if not passes:
         findings.append(f"layers {band.first}-{band.last}: no wall that the cutter reaches; side milling left out")
         return None, findings
-    return _milled(Process.MILL_SIDE, band.last, passes, settings, band.kind), findings
+    return _milled(Process.MILL_SIDE, band.last, passes, settings, note), findings
 
 
 def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings, note: str) -> Operation:
@@ -79,14 +79,16 @@ def _may_reach_under(band: Band, below: MultiPolygon, passes: list[Pass], settin
 
 
 def _ruled_passes(band: Band, below: MultiPolygon, excess_mm: float, settings: Settings) -> list[Pass]:
-    """Passes round all walls of a ruled band, wall by wall."""
+    """Passes round all walls of a ruled band, wall by wall; none if the flank cannot follow one of them."""
     reach = OVERLAP_MM if band.continues and band.first > 0 else 0.0
     floor = 0.0 if band.first == 0 else (None if band.continues else band.z_bottom)
     keep_out = outset(below, settings.cutter_radius_mm - 0.5)
     passes = []
     for wall in band.walls:
-        for motion in ruled_motions(wall, excess_mm, reach, floor, settings):
-            passes.append(side_pass(begun_on_flat(motion), keep_out, excess_mm, settings))
+        motions = ruled_motions(wall, excess_mm, reach, floor, settings)
+        if not motions:
+            return []
+        passes += [side_pass(begun_on_flat(motion), keep_out, excess_mm, settings) for motion in motions]
     return passes
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon
@@ -20,7 +23,7 @@ from planner.toolpath.motion import UP, Motion
 
 Floats = NDArray[np.float64]
 
-_THINNEST = 0.35  # of the bead's width: a bead on a thinner wall is mostly beside it
+THINNEST = 0.35  # of the bead's width: a bead on a thinner wall is mostly beside it
 _SMOOTH_DEG = 25.0  # sharper turns of a middle line are corners
 
 
@@ -29,13 +32,24 @@ def grown_region(layer: LayerRegion, settings: Settings) -> MultiPolygon:
     return outset(layer.region, settings.allowance_mm) if settings.allowance_mm > 0.0 else layer.region
 
 
-def deposit_operations(layer: LayerRegion, bead: Bead, settings: Settings) -> tuple[list[Operation], list[str]]:
-    """Operations that deposit a layer on its lower plane, without links, and findings."""
+@dataclass(frozen=True)
+class Dropped:
+    """A piece of a layer that no bead makes.  place : x, y, mm   width_mm : its mean width, and the bead's."""
+
+    layer: int
+    place: tuple[float, float]
+    area_mm2: float
+    width_mm: float
+    bead_mm: float
+
+
+def deposit_operations(layer: LayerRegion, bead: Bead, settings: Settings) -> tuple[list[Operation], list[Dropped]]:
+    """Operations that deposit a layer on its lower plane, without links, and what falls away."""
     grown = grown_region(layer, settings)
     contours = contour_passes(grown, layer.z_bottom, layer.index, bead, settings)
-    middles, findings = _thin_passes(grown, layer, bead, settings)
+    middles, dropped = _thin_passes(grown, layer, bead, settings)
     fill = fill_passes(grown, layer.z_bottom, layer.index, bead, settings)
-    operations = []
+    operations: list[Operation] = []
     for process, passes in ((Process.DEPOSIT_CONTOUR, [*contours, *middles]), (Process.DEPOSIT_FILL, fill)):
         if passes:
             operations.append(
@@ -48,22 +62,24 @@ def deposit_operations(layer: LayerRegion, bead: Bead, settings: Settings) -> tu
                     bead_height_mm=bead.height_mm,
                 )
             )
-    return operations, findings
+    return operations, dropped
 
 
 def _thin_passes(
     grown: MultiPolygon, layer: LayerRegion, bead: Bead, settings: Settings
-) -> tuple[list[Pass], list[str]]:
-    """A bead along the middle of each part that is thinner than a bead; a finding for what falls away."""
-    passes, findings = [], []
+) -> tuple[list[Pass], list[Dropped]]:
+    """A bead along the middle of each part that is thinner than a bead, and what is too thin even for that."""
+    passes: list[Pass] = []
+    dropped: list[Dropped] = []
     for part in thin_parts(grown, bead.width_mm):
-        if part.width_mm < _THINNEST * bead.width_mm:
-            findings.append(_falls_away(part, layer, bead))
+        if part.width_mm < THINNEST * bead.width_mm:
+            point = part.area.representative_point()
+            dropped.append(Dropped(layer.index, (point.x, point.y), part.area.area, part.width_mm, bead.width_mm))
             continue
         for line, closed in zip(part.lines, part.closed, strict=True):
             motion = Motion(_middle_curve(line, closed, layer.z_bottom), UP)
             passes.append((closed_bead if closed else open_bead)(motion, bead, settings))
-    return passes, findings
+    return passes, dropped
 
 
 def _middle_curve(line: Floats, closed: bool, z: float) -> Curve:
@@ -75,9 +91,19 @@ def _middle_curve(line: Floats, closed: bool, z: float) -> Curve:
     return interpolate(points, closed=closed, corners=by_turning_angle(points, _SMOOTH_DEG, closed=closed))
 
 
-def _falls_away(part: ThinPart, layer: LayerRegion, bead: Bead) -> str:
-    place = part.area.representative_point()
-    return (
-        f"layer {layer.index}: {part.area.area:.2f} mm² near ({place.x:.1f}, {place.y:.1f}, {layer.z_bottom:.1f}) mm "
-        f"fall away: {part.width_mm:.2f} mm wide, the bead {bead.width_mm:.2f} mm"
-    )
+def dropped_findings(dropped: list[Dropped]) -> list[str]:
+    """One line for each place at which pieces of neighbouring layers fall away, with layers and area."""
+    groups: list[list[Dropped]] = []
+    for piece in dropped:
+        for group in groups:
+            if piece.layer - group[-1].layer <= 1 and math.dist(piece.place, group[-1].place) <= piece.bead_mm:
+                group.append(piece)
+                break
+        else:
+            groups.append([piece])
+    return [
+        f"layers {group[0].layer}-{group[-1].layer}: {max(piece.area_mm2 for piece in group):.2f} mm² near "
+        f"({group[0].place[0]:.1f}, {group[0].place[1]:.1f}) mm fall away: {group[0].width_mm:.2f} mm wide with "
+        f"allowance, the bead {group[0].bead_mm:.2f} mm"
+        for group in groups
+    ]

@@ -110,14 +110,21 @@ def _nearest_first(strands: list[list[Piece]]) -> list[list[Piece]]:
     """Strands ordered so that each starts near the end of the one before it; the first is the lowest, leftmost."""
     left = sorted(strands, key=lambda strand: (strand[0][0], strand[0][1]))
     ordered: list[list[Piece]] = []
-    at: tuple[float, float] | None = None
     while left:
-        chosen = left[0] if at is None else min(left, key=lambda s: math.dist(at, (s[0][1], s[0][3])))
-        left.remove(chosen)
+        chosen = left.pop(0 if not ordered else _nearest(_end(ordered[-1]), left))
         ordered.append(chosen)
-        last = chosen[-1]
-        at = (last[2] if len(chosen) % 2 else last[1], last[3])
     return ordered
+
+
+def _end(strand: list[Piece]) -> tuple[float, float]:
+    """Where a strand ends: x, y."""
+    last = strand[-1]
+    return last[2] if len(strand) % 2 else last[1], last[3]
+
+
+def _nearest(at: tuple[float, float], strands: list[list[Piece]]) -> int:
+    """Number of the strand that starts nearest to a point."""
+    return min(range(len(strands)), key=lambda k: math.dist(at, (strands[k][0][1], strands[k][0][3])))
 
 
 def fill_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings) -> list[Pass]:

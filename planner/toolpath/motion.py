@@ -46,6 +46,10 @@ class Motion:
         first, last = self.tip.evaluate([low, high])
         return first, self.axis_at(low), last, self.axis_at(high)
 
+    def raw_axis_at(self, u: float) -> Floats:
+        """(3,) float   The axis at one parameter as it stands in its curve, so that pieces can be joined to it."""
+        return np.asarray(self.axis.evaluate([u])[0]) if isinstance(self.axis, Curve) else self.axis
+
     def tangent(self, at_end: bool = False) -> Floats:
         """(3,) float   Unit direction of motion of the tip at the start, or at the end."""
         low, high = self.tip.domain

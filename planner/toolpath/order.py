@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 from shapely import MultiPolygon
 
+from planner.errors import PlanningError
 from planner.nurbs.offset import outset
 from planner.plan import Operation
 from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
 from planner.toolpath.bands import Band
 from planner.toolpath.cut import BULGE, face_operation, side_operation
-from planner.toolpath.deposit import deposit_operations, grown_region
+from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region
 from planner.toolpath.links import Pose, linked
 
 _HIGHER = 1e-3  # relative: a bead this much above what was asked is no rounding
@@ -34,6 +35,7 @@ class Sequence:
     here: Pose | None = None
     deposited_mm3: float = 0.0
     findings: list[str] = field(default_factory=list)
+    dropped: list[Dropped] = field(default_factory=list)
     operations: dict[int, list[Operation]] = field(default_factory=dict)
 
     def add(self, operation: Operation, layer: int) -> None:
@@ -43,8 +45,8 @@ class Sequence:
 
     def deposit(self, layer: LayerRegion, bead: Bead) -> None:
         """A layer's deposition."""
-        operations, findings = deposit_operations(layer, bead, self.settings)
-        self.findings.extend(findings)
+        operations, dropped = deposit_operations(layer, bead, self.settings)
+        self.dropped.extend(dropped)
         self.above_mm += max(bead.height_mm - layer.height_mm, 0.0)
         self.unfaced += 1
         self.metal_top = layer.z_top + self.above_mm + max(bead.crest_mm - bead.height_mm, 0.0)
@@ -77,6 +79,7 @@ def build_up(
     """The operations of a part that is deposited (and, where there are bands, milled), from the substrate up.
 
     bands : of all layers, or none for a part that is only deposited.   progress : told the share done.
+    Raises PlanningError if no bead fits anywhere.
     """
     sequence = Sequence(settings)
     closing = {band.last: band for band in bands}
@@ -91,6 +94,13 @@ def build_up(
                 below = layers[band.first - 1].areas[2] if band.first else MultiPolygon()
                 sequence.mill(band, below, settings.allowance_mm + bulge + _leaning_out(band, layers))
         progress((layer.index + 1) / len(layers))
+    if not sequence.operations:
+        raise PlanningError(
+            f"nothing can be deposited: all walls are thinner than {THINNEST * beads[0].width_mm:.2f} mm, "
+            f"{THINNEST:g} of the bead's width",
+            "choose less power, more speed or a larger stock allowance",
+        )
+    sequence.findings[:0] = dropped_findings(sequence.dropped)
     return sequence
 
 

@@ -51,7 +51,8 @@ def unreached(region: MultiPolygon, radius_mm: float) -> Unreached:
     """Where a cutter of this radius cannot touch the outline of a region from outside."""
     free = outset(region, radius_mm, 0.005)
     left = shapely.difference(shapely.buffer(free, -radius_mm, quad_segs=64), shapely.buffer(region, 0.02))
-    closed, corners = [], []
+    closed: list[Polygon] = []
+    corners: list[Polygon] = []
     for piece in shapely.get_parts(left):
         if piece.geom_type != "Polygon" or piece.area < _LEAST_CORNER_MM2:
             continue
@@ -81,8 +82,9 @@ def side_pass(loop: Motion, keep_out: MultiPolygon, excess_mm: float, settings: 
     """
     row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
     tail = loop.from_arc(min(_PAST_START_MM, 0.2 * loop.length))[0]
-    start, axis, _, _ = loop.ends()
-    _, _, end, end_axis = tail.ends()
+    start, _, _, _ = loop.ends()
+    _, _, end, _ = tail.ends()
+    axis, end_axis = loop.raw_axis_at(loop.tip.domain[0]), tail.raw_axis_at(tail.tip.domain[1])
     ahead_in, ahead_out = loop.tangent(), tail.tangent(at_end=True)
     away_in, away_out = _left_of(ahead_in, axis), _left_of(ahead_out, end_axis)
     for radius in (excess_mm + 1.5, 0.6 * excess_mm + 0.8, 0.5, 0.2):

@@ -1,0 +1,93 @@
+"""A plan in words and as JSON."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from planner.plan import Layer, Operation, Plan
+
+_MOST_FINDINGS = 20
+
+
+def as_json(plan: Plan) -> str:
+    """The plan's figures, layer by layer, without its curves; keys sorted, the same text for the same plan."""
+    return json.dumps(_figures(plan), sort_keys=True, ensure_ascii=False, indent=1) + "\n"
+
+
+def _figures(plan: Plan) -> dict[str, Any]:
+    return {
+        "part": plan.part_name,
+        "mesh_sha256": plan.mesh_sha256,
+        "material": plan.material,
+        "process": plan.process,
+        "tolerance_mm": plan.tolerance_mm,
+        "bounds_mm": plan.bounds.tolist(),
+        "build_from_part": plan.build_from_part.tolist(),
+        "volumes_mm3": {name: round(value, 3) for name, value in plan.volumes_mm3.items()},
+        "findings": list(plan.findings),
+        "schema": plan.schema,
+        "layers": [_layer_figures(layer) for layer in plan.layers],
+    }
+
+
+def _layer_figures(layer: Layer) -> dict[str, Any]:
+    return {
+        "index": layer.index,
+        "z_bottom_mm": round(float(layer.bottom[2]), 6),
+        "z_top_mm": round(float(layer.top[2]), 6),
+        "contours": len(layer.contours),
+        "walls": len(layer.walls),
+        "deviation_mm": round(max((contour.deviation_mm for contour in layer.contours), default=0.0), 6),
+        "overlap_mm2": round(layer.overlap_mm2, 4),
+        "overhang_mm2": round(layer.overhang_mm2, 4),
+        "operations": [_operation_figures(operation) for operation in layer.operations],
+    }
+
+
+def _operation_figures(operation: Operation) -> dict[str, Any]:
+    work = [step for step in operation.passes if not step.is_link]
+    first = work[0].setpoints[0] if work else [0.0] * 5
+    return {
+        "process": operation.process.value,
+        "note": operation.note,
+        "passes": len(work),
+        "length_mm": round(sum(step.tip.length for step in work), 3),
+        "link_mm": round(sum(step.tip.length for step in operation.passes if step.is_link), 3),
+        "feed_mm_s": round(float(first[1]), 4),
+        "laser_w": round(max((float(step.setpoints[:, 2].max()) for step in work), default=0.0), 3),
+        "powder_g_min": round(float(first[3]), 4),
+        "bead_width_mm": round(operation.bead_width_mm, 4),
+        "bead_height_mm": round(operation.bead_height_mm, 4),
+        "cutter_diameter_mm": operation.cutter_diameter_mm,
+        "spindle_rpm": operation.spindle_rpm,
+        "interpass_s": operation.interpass_s,
+    }
+
+
+def text(plan: Plan) -> str:
+    """The plan on a page of text: what it is, findings, one line per layer."""
+    size = plan.bounds[1] - plan.bounds[0]
+    up = plan.build_from_part[2, :3] + 0.0
+    volumes = ", ".join(f"{name} {value:.0f} mm³" for name, value in sorted(plan.volumes_mm3.items()))
+    lines = [
+        f"{plan.part_name}: {plan.process} of {plan.material}, {size[0]:.2f} x {size[1]:.2f} x {size[2]:.2f} mm as built, "
+        f"part direction ({up[0]:.3g}, {up[1]:.3g}, {up[2]:.3g}) up, tolerance {plan.tolerance_mm:g} mm",
+        f"{len(plan.layers)} layers, {len(plan.operations)} operations; {volumes}",
+    ]
+    lines += [f"! {finding}" for finding in plan.findings[:_MOST_FINDINGS]]
+    if len(plan.findings) > _MOST_FINDINGS:
+        lines.append(f"! and {len(plan.findings) - _MOST_FINDINGS} more findings (--json lists all)")
+    lines.append("layer   z from      to  height  contours  operations (passes, length)")
+    lines += [_layer_line(layer) for layer in plan.layers]
+    return "\n".join(lines) + "\n"
+
+
+def _layer_line(layer: Layer) -> str:
+    low, high = float(layer.bottom[2]), float(layer.top[2])
+    parts = []
+    for operation in layer.operations:
+        work = [step for step in operation.passes if not step.is_link]
+        name = operation.process.value.replace("_", " ")
+        parts.append(f"{name} {len(work)}, {sum(step.tip.length for step in work):.0f} mm")
+    return f"{layer.index:5d} {low:8.3f} {high:7.3f} {high - low:7.3f} {len(layer.contours):9d}  {'; '.join(parts)}"
