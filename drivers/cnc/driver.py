@@ -35,7 +35,8 @@ class CncDriver(CncLine):
         self.identity = None
         self._check_port()
         was_alive = await self._greet()
-        await self._come_to_rest()
+        if self._is_moving():
+            await self._come_to_rest()
         if not await self._reset_and_wait() and not was_alive:
             raise DeviceSilent(
                 f"the CNC at {self._port.name} does not answer at {self.facts.baud} baud",
@@ -85,6 +86,16 @@ class CncDriver(CncLine):
     async def unlock(self) -> None:
         """`$X`: leave the alarm state without homing."""
         await self.command("$X")
+
+    async def abort(self) -> None:
+        """Hold, wait for standstill, reset: the program is gone and the position kept. Raises DeviceSilent, LinkLost.
+
+        A machine that does not stand within STANDSTILL_S is reset all the same (alarm 3 then says that its position is lost).
+        """
+        self._halt("aborted")
+        self.hold()
+        await self._come_to_rest()
+        await self.soft_reset()
 
     async def soft_reset(self) -> None:
         """Reset and wait for the banner. Raises DeviceSilent when none comes."""
@@ -139,10 +150,17 @@ class CncDriver(CncLine):
         return await self.wait_until(lambda: self.status is not None or bool(self.protocol.banner), ANSWER_S)
 
     async def _come_to_rest(self) -> None:
-        """Hold a machine that moves, so that the reset does not cost its position."""
-        if self.status is not None and self.status.state in MOVING:
+        """Hold a machine that moves and wait until it stands, so that a reset does not cost its position."""
+        if self._is_moving():
             self.hold()
-            await self.wait_until(lambda: self.status is not None and (self.status.is_held or self.status.is_idle), STANDSTILL_S)
+        asked_at = self.clock.now()
+        await self.wait_until(
+            lambda: self.status is not None and self.status.at > asked_at and not self._is_moving(), STANDSTILL_S
+        )
+
+    def _is_moving(self) -> bool:
+        status = self.status
+        return status is not None and (status.state in MOVING or (status.state == "Hold" and not status.is_held))
 
     async def _reset_and_wait(self) -> bool:
         self.protocol.banner = ""
