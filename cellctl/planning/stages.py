@@ -55,13 +55,13 @@ def recipe_of(task: Task) -> Recipe:
 
 def plan(task: Task, report: Report) -> dict[str, Any]:
     """Plan the part; writes plan.h5. Raises PlannerError."""
-    import planner
     from cellctl.planning.view import write_views
     from planner.files import write_plan
-    from planner.mesh import load
+    from planner.mesh import load_checked
+    from planner.pipeline import plan as make_plan
 
-    mesh = load(Path(task.mesh), task.units)
-    made = planner.plan(mesh, recipe_of(task), part_name=task.part_name, progress=report)
+    loaded = load_checked(Path(task.mesh), task.units)
+    made = make_plan(loaded, recipe_of(task), part_name=task.part_name, progress=report)
     write_plan(made, Path(task.folder) / PLAN_FILE)
     report("drawing", 1.0)
     write_views(made, Path(task.folder) / VIEW_FOLDER)
@@ -70,38 +70,36 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
 
 def post(task: Task, report: Report) -> dict[str, Any]:
     """Post the plan for the cell; writes the program's folder. Raises PlannerError, ConfigError."""
-    import planner
     from config import load_cell
     from planner.files import read_plan, write_program
+    from planner.post import post as make_program
 
     report("posting", 0.0)
     cell = load_cell(task.cell)
-    made = planner.post(read_plan(Path(task.plan)), cell, dialect=cell.cnc.firmware)
+    made = make_program(read_plan(Path(task.plan)), cell, dialect=cell.cnc.firmware)
     write_program(made, Path(task.folder) / PROGRAM_FOLDER)
     return {"lines": len(made.lines), "duration_s": float(made.duration_s)}
 
 
 def prove(task: Task, report: Report) -> dict[str, Any]:
     """Run the program in the twin; writes proof.json and proof.png. Raises PlannerError, ConfigError and the twin's errors."""
-    import sim
     from config import load_cell
     from planner.files import read_program
     from planner.mesh import load
+    from sim.dryrun import prove as make_proof
 
     program = read_program(Path(task.program))
-    proof = sim.prove(
-        program,
-        load_cell(task.cell),
-        load(Path(task.mesh), task.units),
-        progress=lambda *at: report("proving", float(at[-1])),
+    mesh = load(Path(task.mesh), task.units)
+    proof = make_proof(
+        program, load_cell(task.cell), mesh, progress=lambda fraction, word: report(f"proving: {word}", fraction)
     )
-    document = proof.to_json()
-    document = json.loads(document) if isinstance(document, str | bytes) else document
     folder = Path(task.folder)
-    (folder / PROOF_FILE).write_text(json.dumps(document, indent=1, sort_keys=True), encoding="utf-8")
+    text = proof.to_json()
+    (folder / PROOF_FILE).write_text(text, encoding="utf-8")
     if proof.picture:
         (folder / PICTURE_FILE).write_bytes(proof.picture)
-    return document  # type: ignore[no-any-return]
+    document: dict[str, Any] = json.loads(text)
+    return document
 
 
 STAGES: dict[str, Callable[[Task, Report], dict[str, Any]]] = {

@@ -21,9 +21,9 @@ NICENESS = 10
 REPORT_PERIOD_S = 0.1
 
 
-def end_with(parent: int) -> None:
-    """Be killed when the parent ends, however it ends. Raises SystemExit if it has ended already."""
-    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+def end_with(parent: int, sign: signal.Signals = signal.SIGKILL) -> None:
+    """Get this signal when the parent ends, however it ends. Raises SystemExit if it has ended already."""
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(sign), 0, 0, 0)
     if os.getppid() != parent:
         raise SystemExit(1)
 

@@ -1,0 +1,223 @@
+"""Commands that ask the service: submit, jobs, watch, approve, cancel, record, and the cell's own verbs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cellctl.cli import output
+from cellctl.cli.input import (
+    DEFAULT_RUN,
+    Because,
+    JobId,
+    Json,
+    RunFolder,
+    Units,
+    Url,
+    checked_units,
+    connect,
+    existing_file,
+    find_job,
+    writable,
+)
+
+if TYPE_CHECKING:
+    from cellctl.client import Client
+
+TableClear = Annotated[
+    bool, typer.Option("--table-clear", help="I looked: the table is clear and the substrate is clamped.")
+]
+WATCH_PERIOD_S = 0.25
+WAITS_FOR_PEOPLE = frozenset({"waiting_for_approval"})
+ENDED = frozenset({"completed", "failed", "aborted", "cancelled", "interrupted"})
+
+
+def submit(
+    part: Annotated[Path, typer.Argument(help="Mesh file: STL, 3MF, OBJ or PLY.")],
+    recipe: Annotated[Path | None, typer.Option("--recipe", help="Recipe (TOML).")] = None,
+    units: Units = "mm",
+    name: Annotated[str | None, typer.Option("--name", help="Of the job.")] = None,
+    approve_it: Annotated[
+        bool, typer.Option("--approve", help="Wait for the proof and approve it if it passed.")
+    ] = False,
+    table_clear: TableClear = False,
+    url: Url = None,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """Upload a part and submit a job for it."""
+    existing_file(part, "mesh file")
+    recipe_toml = existing_file(recipe, "recipe").read_text(encoding="utf-8", errors="replace") if recipe else None
+    with connect(url, run) as client:
+        uploaded = client.upload(part, checked_units(units))
+        if not json:
+            low, high = uploaded["bbox_mm"]
+            size = " × ".join(f"{b - a:.4g}" for a, b in zip(low, high, strict=True))
+            output.line(f"{part.name}: {size} mm (file in {uploaded['units']}), {uploaded['facets']} facets")
+            for finding in uploaded["findings"]:
+                output.line(f"  {finding['text']}")
+        job = client.submit(uploaded["id"], recipe_toml=recipe_toml, name=name)
+        if approve_it:
+            job = follow(client, job["id"], quiet=json)
+            if job["state"] in WAITS_FOR_PEOPLE:
+                job = client.approve(job["id"], because="approved on the command line", table_clear=table_clear)
+        show_job(job, json)
+    raise typer.Exit(1 if job["state"] == "failed" else 0)
+
+
+def show_job(job: dict[str, Any], json: bool) -> None:
+    """Print one job."""
+    if json:
+        output.as_json(job)
+        return
+    output.line(f"{job['id']}  {job['state']}" + (f": {job['why']}" if job["why"] else ""))
+    if job["error"]:
+        output.line(f"  {job['error']['title']}: {job['error']['detail']}")
+        if job["error"]["hint"]:
+            output.line(f"  hint: {job['error']['hint']}")
+
+
+def jobs(
+    state: Annotated[str | None, typer.Option("--state", help="Only jobs in this state.")] = None,
+    url: Url = None,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """All jobs, newest first."""
+    with connect(url, run) as client:
+        found = list(client.jobs(state))
+    if json:
+        output.as_json(found)
+        return
+    rows = [
+        (
+            job["id"],
+            job["name"],
+            job["state"],
+            f"{100 * job['progress']:.0f} %",
+            job["why"] or (job["error"] or {}).get("detail", ""),
+        )
+        for job in found
+    ]
+    output.table(("id", "name", "state", "done", "why"), rows)
+
+
+def follow(client: Client, job_id: str, quiet: bool) -> dict[str, Any]:
+    """Show a job's way until it ends or waits for a person; the job then."""
+    import time
+
+    with output.progress(quiet) as report:
+        while True:
+            job = client.job(job_id)
+            stage = job["state"] if job["stage"] == job["state"] else f"{job['state']}: {job['stage']}"
+            report(stage, job["progress"])
+            waits = job["state"] in WAITS_FOR_PEOPLE or (job["state"] == "queued" and not job["table_clear"])
+            if job["state"] in ENDED or waits:
+                return job
+            time.sleep(WATCH_PERIOD_S)
+
+
+def watch(job: JobId, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+    """Follow a job until it ends or waits for a person. Exit 1 if it failed."""
+    with connect(url, run) as client:
+        seen = follow(client, find_job(client, job), quiet=json)
+    show_job(seen, json)
+    raise typer.Exit(1 if seen["state"] in ("failed", "aborted", "interrupted") else 0)
+
+
+def approve(
+    job: JobId,
+    because: Because = "",
+    override_reason: Annotated[
+        str, typer.Option("--override-reason", help="Engineers: why it may run without a passing proof.")
+    ] = "",
+    table_clear: TableClear = False,
+    url: Url = None,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """Approve a job whose proof passed."""
+    with connect(url, run) as client:
+        job_id = find_job(client, job)
+        show_job(
+            client.approve(job_id, because=because, override_reason=override_reason, table_clear=table_clear), json
+        )
+
+
+def cancel(
+    job: JobId, because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
+    """Cancel a job that is not on the cell."""
+    with connect(url, run) as client:
+        show_job(client.cancel(find_job(client, job), because), json)
+
+
+def record(
+    job: JobId,
+    html: Annotated[Path | None, typer.Option("--html", help="Write the record as a page.")] = None,
+    url: Url = None,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """A job's record: what was commanded, read back and done by whom."""
+    with connect(url, run) as client:
+        job_id = find_job(client, job)
+        if html is not None:
+            writable(html).write_bytes(client.content(f"jobs/{job_id}/record", format="html"))
+            output.line(f"{html}")
+            return
+        document = client.record(job_id)
+    if json:
+        output.as_json(document)
+        return
+    output.line(f"{document['job']['name']}: {document['job']['state']}")
+    for name, value in document["sha256"].items():
+        output.line(f"  {name:8} {value or ''}")
+    for row in document["layers"]:
+        power = f"laser {row['laser_setpoint_max_w']:.0f} W set, {row['laser_readback_max_w']:.0f} W read"
+        output.line(
+            f"  layer {row['layer']}: {power}; powder {row['powder_setpoint_max_g_min']:.1f} g/min set, {row['powder_readback_max_g_min']:.1f} read"
+        )
+    for event in document["events"]:
+        output.line(f"  {event['kind']}: {event['text']}")
+
+
+def _command(verb: str, because: str, url: str | None, run: Path, json: bool) -> None:
+    with connect(url, run) as client:
+        answer = client.command(verb, because)
+    if json:
+        output.as_json(answer)
+    else:
+        output.line(f"{verb}: accepted, the cell is {answer['state']}")
+
+
+def hold(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+    """Hold: laser off, decelerate, stand still; can be resumed."""
+    _command("hold", because, url, run, json)
+
+
+def resume(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+    """Resume a held job."""
+    _command("resume", because, url, run, json)
+
+
+def abort(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+    """Abort the job."""
+    _command("abort", because, url, run, json)
+
+
+def reset(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+    """Reset a latched fault or stop, once its cause is removed."""
+    _command("reset", because, url, run, json)
+
+
+def stop(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+    """Stop everything now: laser off, powder off, motion stopped. Leaves by reset."""
+    _command("stop", because, url, run, json)
+
+
+def home(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+    """Home the machine."""
+    _command("home", because, url, run, json)

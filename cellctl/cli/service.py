@@ -1,0 +1,117 @@
+"""Commands that run things: demo, serve, sim, doctor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cellctl.cli import output
+from cellctl.cli.input import DEFAULT_CELL, DEFAULT_RUN, DEFAULT_STORE, CellName, Json, RunFolder, StoreFolder
+
+Port = Annotated[
+    int | None,
+    typer.Option(
+        "--port", min=0, max=65535, help="Of console and REST; 0 for any free one. Default: as the cell file says."
+    ),
+]
+
+
+def demo(
+    cell: CellName = DEFAULT_CELL,
+    time_scale: Annotated[
+        float, typer.Option("--time-scale", min=0.1, max=200.0, help="Process time per wall time.")
+    ] = 25.0,
+    keep: Annotated[bool, typer.Option("--keep", help="Leave everything up afterwards, until Ctrl-C.")] = False,
+    out: Annotated[Path, typer.Option("--out", help="Where the demo keeps its store and results.")] = Path(
+        ".cellctl/demo"
+    ),
+    json: Json = False,
+) -> None:
+    """A simulated cell builds a part: upload, plan, post, prove, approve, run, measured result."""
+    from cellctl.demo import Demo
+
+    raise typer.Exit(Demo(cell, time_scale, out, keep=keep, as_json=json).run())
+
+
+def serve(
+    cell: CellName = DEFAULT_CELL,
+    store: StoreFolder = DEFAULT_STORE,
+    run: RunFolder = DEFAULT_RUN,
+    host: Annotated[str | None, typer.Option("--host", help="Default: as the cell file says (loopback).")] = None,
+    port: Port = None,
+    stop_port: Annotated[
+        int | None, typer.Option("--stop-port", min=0, max=65535, help="Of the cell process's STOP listener.")
+    ] = None,
+    upload_limit_mb: Annotated[float, typer.Option("--upload-limit-mb", min=1.0, help="Largest part file.")] = 200.0,
+    worker_memory_mb: Annotated[
+        float, typer.Option("--worker-memory-mb", min=512.0, help="Address space of a planning worker.")
+    ] = 8192.0,
+    json: Json = False,
+) -> None:
+    """Run the service: the cell process, the web process with the console, and the planning workers."""
+    import asyncio
+
+    from cellctl.supervise import Address, Options, Supervisor
+
+    def ready(address: Address, secret: str | None) -> None:
+        if json:
+            output.as_json({"url": address.url, "stop_port": address.stop_port, "operator_token": secret})
+            return
+        output.line(f"console and REST  {address.url}")
+        output.line(f"store             {store}    run directory  {run}")
+        if secret is not None:
+            output.line(f"operator token    {secret}")
+            output.line(f"                  (shown once; for this user also in {store / 'operator.token'})")
+        output.line("Ctrl-C stops the service.")
+
+    def say(text: str) -> None:
+        typer.echo(f"cellctl: {text}", err=True)
+
+    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb)
+    asyncio.run(Supervisor(options, say, ready).run())
+
+
+def sim(
+    cell: CellName = DEFAULT_CELL,
+    run: RunFolder = DEFAULT_RUN,
+    time_scale: Annotated[
+        float, typer.Option("--time-scale", min=0.01, max=1000.0, help="Process time per wall time.")
+    ] = 1.0,
+    fault: Annotated[
+        list[str] | None, typer.Option("--fault", metavar="TEXT", help="As in 'at=12.5s door_open'; again for more.")
+    ] = None,
+    stock_cell_mm: Annotated[
+        float, typer.Option("--stock-cell-mm", min=0.05, help="Grid of the simulated metal.")
+    ] = 0.5,
+    mesh: Annotated[
+        Path | None, typer.Option("--mesh", help="Part to measure the metal against, in the build frame.")
+    ] = None,
+    at_baud: Annotated[bool, typer.Option("--at-baud", help="Carry bytes at the pace of the baud rates.")] = False,
+) -> None:
+    """Run the devices of a simulated cell behind real wires: CNC on a pty, laser, feeder and I/O on Modbus."""
+    import os
+    import sys
+
+    words = ["--cell", cell, "--run", str(run), "--time-scale", str(time_scale), "--stock-cell-mm", str(stock_cell_mm)]
+    words += [word for text in fault or [] for word in ("--fault", text)]
+    words += ["--mesh", str(mesh)] if mesh else []
+    words += ["--at-baud"] if at_baud else []
+    os.execv(sys.executable, [sys.executable, "-m", "sim", *words])
+
+
+def doctor(
+    cell: CellName = DEFAULT_CELL,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """Check the wires of a cell: identify the CNC, read every register. Moves and emits nothing."""
+    from cellctl.doctor import examine_cell
+
+    report = examine_cell(cell, run)
+    if json:
+        output.as_json(report.document())
+    else:
+        output.table(("", "what", "found"), [("ok" if row.ok else "FAULT", row.what, row.found) for row in report.rows])
+    raise typer.Exit(0 if report.is_well else 1)

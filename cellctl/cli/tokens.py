@@ -1,0 +1,95 @@
+"""Tokens, made in the store itself: who may write its folder may do this."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated
+
+import typer
+
+from cellctl.cli import output
+from cellctl.cli.input import DEFAULT_STORE, InputFault, Json, StoreFolder
+
+app = typer.Typer(help="Make, list and revoke tokens of the local store.", no_args_is_help=True)
+
+
+@app.command()
+def create(
+    name: Annotated[str, typer.Argument(help="Who will use it.")],
+    role: Annotated[str, typer.Option("--role", help="viewer, operator, engineer or admin.")] = "operator",
+    days: Annotated[
+        float | None, typer.Option("--days", min=0.0, help="How long it is valid. Default: until revoked.")
+    ] = None,
+    store: StoreFolder = DEFAULT_STORE,
+    json: Json = False,
+) -> None:
+    """Make a token and print it; it is nowhere else."""
+    from cellctl.store import audit, open_store, tokens, upgrade
+
+    try:
+        wanted = tokens.Role(role)
+    except ValueError:
+        raise InputFault(f"--role {role}: there is no such role", "viewer, operator, engineer or admin") from None
+    upgrade(store)
+    opened = open_store(store)
+    try:
+        with opened.write() as rows:
+            now = opened.clock()
+            row, secret = tokens.create(rows, name, wanted, now, days * 86400.0 if days is not None else None)
+            audit.add(rows, audit.Deed("command line", "admin", "local", "create token", row.id, ""), now, "ok")
+    finally:
+        opened.close()
+    if json:
+        output.as_json({**row.__dict__, "secret": secret})
+    else:
+        output.line(secret)
+
+
+@app.command("list")
+def list_tokens(store: StoreFolder = DEFAULT_STORE, json: Json = False) -> None:
+    """All tokens, without their secrets."""
+    from cellctl.store import open_store, tokens
+
+    opened = open_store(store)
+    try:
+        with opened.read() as rows:
+            found = tokens.every(rows)
+    finally:
+        opened.close()
+    if json:
+        output.as_json([row.__dict__ for row in found])
+        return
+
+    def day(at: float | None) -> str:
+        return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M") if at is not None else ""
+
+    columns = ("id", "name", "role", "created (UTC)", "expires", "revoked")
+    output.table(
+        columns,
+        [(row.id, row.name, row.role, day(row.created_at), day(row.expires_at), day(row.revoked_at)) for row in found],
+    )
+
+
+@app.command()
+def revoke(
+    token: Annotated[str, typer.Argument(help="Its id.")], store: StoreFolder = DEFAULT_STORE, json: Json = False
+) -> None:
+    """End a token and its sessions."""
+    from cellctl.store import audit, open_store, tokens
+    from cellctl.store.parts import NotFoundError
+
+    opened = open_store(store)
+    try:
+        with opened.write() as rows:
+            row = tokens.revoke(rows, token, opened.clock())
+            audit.add(
+                rows, audit.Deed("command line", "admin", "local", "revoke token", row.id, ""), opened.clock(), "ok"
+            )
+    except NotFoundError as error:
+        raise InputFault(str(error), "`cellctl token list` lists them") from None
+    finally:
+        opened.close()
+    if json:
+        output.as_json(row.__dict__)
+    else:
+        output.line(f"{row.id} is revoked")

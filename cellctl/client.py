@@ -1,0 +1,164 @@
+"""A small typed client of the REST interface: `with Client(url, token) as client: client.submit(part_id, recipe_toml=...)`."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+TIMEOUT_S = 30.0
+UPLOAD_TIMEOUT_S = 600.0
+
+Document = dict[str, Any]
+
+
+class ServiceError(Exception):
+    """The service refused or does not answer. `message`, `hint` : one line each; status : of HTTP, 0 without an answer
+
+    exit_code : 2 if what was asked is at fault, 1 otherwise
+    """
+
+    def __init__(self, message: str, hint: str = "", status: int = 0) -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+        self.status = status
+        self.exit_code = 2 if status in (400, 404, 413, 422) else 1
+
+
+class Client:
+    """Talks to one service. Every call raises ServiceError with the words of the problem document."""
+
+    def __init__(self, url: str, token: str, transport: httpx.BaseTransport | None = None) -> None:
+        self.url = url.rstrip("/")
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._http = httpx.Client(
+            base_url=self.url, headers=headers, timeout=TIMEOUT_S, trust_env=False, transport=transport
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._http.close()
+
+    def request(self, method: str, path: str, **options: Any) -> httpx.Response:
+        """One request; its answer if it is not an error."""
+        try:
+            answer = self._http.request(method, path, **options)
+        except httpx.HTTPError as error:
+            why = (
+                "nothing listens there" if isinstance(error, httpx.ConnectError) else f"{type(error).__name__}: {error}"
+            )
+            raise ServiceError(
+                f"{self.url}: the service does not answer: {why}",
+                "start it with `cellctl serve`, or name it with --url",
+            ) from None
+        if answer.is_error:
+            raise _refusal(answer)
+        return answer
+
+    def get(self, path: str, **params: Any) -> Document:
+        """A document under /api/v1."""
+        given = {name: value for name, value in params.items() if value is not None}
+        return dict(self.request("GET", f"/api/v1/{path}", params=given).json())
+
+    def post(self, path: str, document: Document, key: str | None = None) -> Document:
+        """Post a document under /api/v1, with an Idempotency-Key if given."""
+        headers = {"Idempotency-Key": key} if key else {}
+        return dict(self.request("POST", f"/api/v1/{path}", json=document, headers=headers).json())
+
+    def upload(self, path: Path, units: str = "mm") -> Document:
+        """Upload a mesh; the Part. Sent again after a lost answer it is the same one."""
+        with path.open("rb") as file:
+            answer = self.request(
+                "POST",
+                "/api/v1/parts",
+                files={"file": (path.name, file, "application/octet-stream")},
+                data={"units": units},
+                headers={"Idempotency-Key": secrets.token_hex(16)},
+                timeout=UPLOAD_TIMEOUT_S,
+            )
+        return dict(answer.json())
+
+    def submit(
+        self,
+        part_id: str,
+        *,
+        recipe: Document | None = None,
+        recipe_toml: str | None = None,
+        name: str | None = None,
+        key: str | None = None,
+    ) -> Document:
+        """Submit a job; the Job."""
+        body = {"part_id": part_id, "recipe": recipe, "recipe_toml": recipe_toml, "name": name}
+        return self.post(
+            "jobs", {field: value for field, value in body.items() if value is not None}, key or secrets.token_hex(16)
+        )
+
+    def job(self, job_id: str) -> Document:
+        """One Job."""
+        return self.get(f"jobs/{job_id}")
+
+    def jobs(self, state: str | None = None) -> Iterator[Document]:
+        """All jobs, newest first, page by page."""
+        cursor: str | None = None
+        while True:
+            page = self.get("jobs", cursor=cursor, limit=100, state=state)
+            yield from page["items"]
+            cursor = page["next"]
+            if cursor is None:
+                return
+
+    def approve(
+        self, job_id: str, *, because: str = "", override_reason: str = "", table_clear: bool = False
+    ) -> Document:
+        """Approve a job; the Job."""
+        return self.post(
+            f"jobs/{job_id}/approve",
+            {"because": because, "override_reason": override_reason, "table_clear": table_clear},
+        )
+
+    def cancel(self, job_id: str, because: str = "") -> Document:
+        """Cancel a job; the Job."""
+        return self.post(f"jobs/{job_id}/cancel", {"because": because})
+
+    def command(self, verb: str, because: str = "", **fields: Any) -> Document:
+        """Command the cell: start, hold, resume, abort, stop, reset, home, unlock, jog."""
+        return self.post(f"cell/{verb}", {"because": because, **fields})
+
+    def snapshot(self) -> Document:
+        """The cell's newest snapshot."""
+        return self.get("cell")
+
+    def record(self, job_id: str) -> Document:
+        """A job's record."""
+        return self.get(f"jobs/{job_id}/record")
+
+    def content(self, path: str, **params: Any) -> bytes:
+        """The bytes of a file under /api/v1."""
+        return self.request("GET", f"/api/v1/{path}", params=params).content
+
+
+def _refusal(answer: httpx.Response) -> ServiceError:
+    """The error in a problem document, or what can be said of another answer."""
+    try:
+        problem = answer.json()
+        return ServiceError(
+            str(problem["detail"] or problem["title"]), str(problem.get("hint", "")), answer.status_code
+        )
+    except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError):
+        return ServiceError(
+            f"the service answered {answer.status_code} {answer.reason_phrase}", "look at its log", answer.status_code
+        )
