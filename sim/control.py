@@ -75,7 +75,7 @@ class Control:
             return {"ok": False, "error": str(error)}
 
     async def _carry_out(self, command: dict[str, Any]) -> Answer:
-        do = command.get("do")
+        do = str(command.get("do"))
         world = self._world
         if do == "state":
             return state_of(world)

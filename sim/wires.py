@@ -19,7 +19,6 @@ from sim.modbus.wire import Wire
 from sim.pseudo_terminal import TerminalError
 from sim.world import World
 
-
 CELL_FILE_MODE = 0o644
 
 

@@ -107,6 +107,7 @@ class StatusReport:
     def __init__(self) -> None:
         self._until_wco = 0
         self._until_overrides = OVERRIDES_AFTER_WCO
+        self._tool: int | None = None
 
     def refresh(self) -> None:
         """Have WCO: and Ov: in the next two reports."""
@@ -141,7 +142,9 @@ class StatusReport:
             parts.append("Ov:" + ",".join(str(value) for value in now.overrides))
             if now.accessories:
                 parts.append("A:" + now.accessories)
-        if build.is_hal and (with_wco or with_overrides):
+        regular = (with_wco and wanted & WORK_OFFSET) or (with_overrides and wanted & OVERRIDES)
+        if build.is_hal and (regular or now.tool != self._tool):
+            self._tool = now.tool
             parts.append(f"T:{now.tool}")
         return "<" + "|".join(parts) + ">"
 

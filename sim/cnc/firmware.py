@@ -80,7 +80,7 @@ class Firmware:
 
     def _store(self, data: bytes) -> None:
         while data:
-            cut = data.find(b"\n") + 1 or len(data)
+            cut = min(data.find(b"\n") + 1 or len(data), self.rx.free) or len(data)
             self.rx.put(data[:cut])
             data = data[cut:]
             self._work()

@@ -8,11 +8,15 @@ REAL_TIME = re.compile(rb"[\x18\x19?!~\x80-\xff]")
 
 
 class ReceiveRing:
-    """Bytes not yet parsed. One place stays free, as in every ring; what does not fit is lost without a word."""
+    """Bytes not yet parsed. One place stays free, as in every ring; what does not fit is lost without a word.
+
+    A parser that is free takes the characters of an unfinished line out of the ring into its line buffer.
+    """
 
     def __init__(self, size: int) -> None:
         self.size = size
         self._bytes = bytearray()
+        self._line = bytearray()
         self.lost = 0
 
     @property
@@ -40,14 +44,18 @@ class ReceiveRing:
             other = self._bytes.find(b"\r")
             cut = other if cut < 0 else cut if other < 0 else min(cut, other)
         if cut < 0:
+            self._line += self._bytes
+            self._bytes.clear()
             return None
-        line = self._bytes[:cut].decode("latin-1")
+        line = (self._line + self._bytes[:cut]).decode("latin-1")
+        self._line.clear()
         del self._bytes[: cut + 1]
         return line if carriage_return_ends else line.rstrip("\r")
 
     def clear(self) -> None:
         """Forget everything."""
         self._bytes.clear()
+        self._line.clear()
 
 
 class Transmitter:

@@ -183,7 +183,9 @@ def write_pieces(out: Floats, row: int, block: Floats, state: Floats, rotary: Fl
     for i in range(n):
         if rotary[i] > 0.0:
             turned = max(turned, abs(block[UNIT + i]) * travelled)
-    parts = max(1, min(int(np.ceil(turned / ROTARY_PIECE_DEG)), out.shape[0] - row))
+    if travelled > 0.0:  # parts of equal time: the longest has the greatest speed
+        turned *= max(v, v + a * duration) * duration / travelled
+    parts = max(1, min(int(np.ceil(turned / ROTARY_PIECE_DEG - 1e-9)), out.shape[0] - row))
     back = block[LENGTH] - state[DISTANCE]
     for k in range(parts):
         t0, t1 = duration * k / parts, duration * (k + 1) / parts
