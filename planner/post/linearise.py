@@ -23,7 +23,7 @@ _MOTION_SHARE = 0.35
 _MERGE_SHARE = 0.8
 _MERGE_SHARE_TURNING = 0.5
 _PROBES = (0.25, 0.5, 0.75)  # of a move, where its true path is compared with the pass
-_MAX_HALVINGS = 16  # 2^-16 of a span of the curve: a pose that still jumps there jumps
+_MAX_HALVINGS = 26  # 2^-26 of a span of the curve: a pose that still jumps there jumps
 _STANDS_DEG = 1e-7  # rotary motion below it moves the tip by less than a rounding error
 
 

@@ -175,7 +175,13 @@ def _geometry(
 
 
 def _feed_ratio(
-    tips: Floats, reading: Reading, table: NDArray[np.void], lines: Ints, item: Pass, curve: PassCurve, rounding_mm: float
+    tips: Floats,
+    reading: Reading,
+    table: NDArray[np.void],
+    lines: Ints,
+    item: Pass,
+    curve: PassCurve,
+    rounding_mm: float,
 ) -> float:
     """Largest speed of the true tip (5, k, 3), but for rounding, over the planned feed; 0 for rapids."""
     if item.rapid:

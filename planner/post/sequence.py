@@ -31,7 +31,7 @@ class Counts:
     """What the sequence had to do beyond the Plan's own passes.
 
     slowed_blocks : moves that were lengthened to what the controller takes per second
-    limited_blocks : moves that were slowed by an axis' velocity   positionings : retracts that the Plan has no link for
+    limited_blocks : moves that were slowed by an axis' velocity   positionings : retracts that the Plan has no link for, tool changes not counted
     """
 
     slowed_blocks: int = 0
@@ -90,6 +90,7 @@ class Sequencer:
         solver = self._solvers.setdefault(tool.number, PoseSolver(self.chain, self.cell, np.array(tool.tip_mm)))
         moves = linearise(curves, solver, self.tape.joints, self.cell.chord_tolerance_mm, self.cell.axis_tolerance_deg)
         self._check_travel(curves, moves)
+        self.counts.positionings += int(np.count_nonzero(moves.poses.needs_positioning[int(is_changed) :]))
         if is_changed:
             moves.poses.needs_positioning[0] = True
         self._passes(number, operation, curves, moves)
@@ -157,7 +158,6 @@ class Sequencer:
 
     def _position(self, target: Floats, item: Pass, origin: Origin) -> None:
         self.state.darken(origin)
-        self.counts.positionings += 1
         self._positioner.retract(self.tape, origin)
         self.state.note_link(self.tape.count)
         self._positioner.approach(self.tape, target, None if item.rapid else float(item.setpoints[0, 1]), origin)
