@@ -257,6 +257,7 @@ def _operation(read: Read, row: int, curves: dict[int, Curve], note: str) -> Ope
         )
         for k in range(last - first)
     )
-    numbers = [float(value) for value in read("operations/numbers", row, row + 1)[0]]
+    diameter, rpm, interpass, width, height = (float(v) for v in read("operations/numbers", row, row + 1)[0])
     process = PROCESSES[int(read("operations/process", row, row + 1)[0])]
-    return Operation(process, int(read("operations/layer", row, row + 1)[0]), passes, *numbers, note=note)
+    layer = int(read("operations/layer", row, row + 1)[0])
+    return Operation(process, layer, passes, diameter, rpm, interpass, width, height, note)

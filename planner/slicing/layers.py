@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ def even_levels(mesh: Mesh, height_mm: float) -> tuple[Floats, list[str]]:
             kept.append(level)
     kept.append(faces[-1])
     levels = [kept[0]]
-    for low, high in zip(kept[:-1], kept[1:], strict=True):
+    for low, high in pairwise(kept):
         parts = max(1, math.ceil((high - low) / height_mm - 1e-6))
         levels.extend(low + (high - low) * (np.arange(parts) + 1) / parts)
     return np.array(levels), findings

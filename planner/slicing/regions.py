@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -45,7 +46,7 @@ class LayerRegion:
         """Distance of the two planes."""
         return self.z_top - self.z_bottom
 
-    @property
+    @cached_property
     def is_upright(self) -> bool:
         """Whether the walls run along the build direction."""
         return is_same(self.areas[0], self.areas[1]) and is_same(self.areas[0], self.areas[2])
@@ -59,7 +60,14 @@ def is_same(first: MultiPolygon, second: MultiPolygon, tolerance_mm: float = SAM
         return False
     if np.abs(np.subtract(first.bounds, second.bounds)).max() > tolerance_mm:
         return False
-    return bool(shapely.hausdorff_distance(first.boundary, second.boundary) <= tolerance_mm)
+    return _is_near(first, second, tolerance_mm) and _is_near(second, first, tolerance_mm)
+
+
+def _is_near(first: MultiPolygon, second: MultiPolygon, tolerance_mm: float) -> bool:
+    """Whether all vertices of one outline lie within the tolerance of the other outline."""
+    outline = second.boundary
+    shapely.prepare(outline)
+    return bool(shapely.dwithin(outline, shapely.points(shapely.get_coordinates(first)), tolerance_mm).all())
 
 
 def united(areas: list[MultiPolygon]) -> MultiPolygon:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -10,6 +11,7 @@ from planner.nurbs.curve import Curve
 from planner.nurbs.fit import interpolate
 from planner.plan import Wall
 from planner.process import Settings
+from planner.slicing.regions import LayerRegion
 from planner.toolpath.motion import Motion
 from planner.toolpath.side import wall_offsets
 
@@ -19,6 +21,7 @@ STEEPEST_AXIS = 0.35
 """Least z of a ruling that the flank follows: beyond 70 degrees from the build direction a wall is a ledge."""
 _STEP_MM = 0.5  # between points round a wall; the curve through them is within 1e-4 mm at radii above 1 mm
 _GOUGE_MM = 5e-3  # how far the flank may cut into the wall elsewhere: points of the path that do are left out
+_FOLLOWS_MM = 0.02  # how far rulings drawn on may cut into the wall below: a fifth of the usual tolerance
 _FEWEST = 8  # poses that still make a path round a wall
 _JUMP_RAD = np.radians(20.0)  # between neighbouring poses: more is no ruling that changes, but another wall
 _TURN = np.cos(np.radians(25.0))  # tip paths that turn more from point to point have a corner there
@@ -51,6 +54,28 @@ def ruled_motions(wall: Wall, excess_mm: float, below_mm: float, floor_z: float 
         if free.sum() >= _FEWEST and _largest_turn(axis[free]) <= _JUMP_RAD:
             motions.append(_closed(tip[free][::-1], axis[free][::-1]))
     return motions
+
+
+def steepest_lean(wall: Wall) -> float:
+    """Largest tangent of the angle between the wall's rulings and the build direction."""
+    u = np.linspace(0.0, 1.0, 200)
+    ruling = wall.top.evaluate(u) - wall.bottom.evaluate(u)
+    return float((np.hypot(ruling[:, 0], ruling[:, 1]) / ruling[:, 2]).max())
+
+
+def goes_on_below(wall: Wall, depth_mm: float, below: LayerRegion) -> bool:
+    """Whether the rulings, drawn on under the wall's bottom, stay out of the layer below.
+
+    depth_mm : how far, along the build direction; the layer's middle section tells for all of it.
+    """
+    u = np.linspace(0.0, 1.0, max(50, int(wall.bottom.length / _STEP_MM)))
+    low = wall.bottom.evaluate(u)
+    ruling = wall.top.evaluate(u) - low
+    down = 0.5 * below.height_mm
+    points = (low - (down / ruling[:, 2])[:, None] * ruling)[:, :2]
+    inside = shapely.contains_xy(below.areas[1], points[:, 0], points[:, 1])
+    deep = shapely.distance(shapely.points(points[inside]), below.areas[1].boundary) if inside.any() else np.zeros(1)
+    return bool(np.all(deep * max(depth_mm / down, 1.0) <= _FOLLOWS_MM))
 
 
 def _largest_turn(axis: Floats) -> float:

@@ -24,6 +24,15 @@ def bead_row(at_mm: float, bead: Bead, gas_l_min: float, laser_on: bool) -> list
     return [at_mm, bead.speed_mm_s, bead.laser_w if laser_on else 0.0, bead.powder_g_min, gas_l_min]
 
 
+def edge_mm(bead: Bead, settings: Settings) -> float:
+    """Width of the outermost strip of a layer, in which a lone track is lower than the layer, mm.
+
+    Where walls are milled, that strip lies outside the stock allowance, which thus has the layer's full height; a part
+    that is only deposited keeps its outline, and the strip is made up for by hatch nearer to the contour.
+    """
+    return 0.5 * (bead.width_mm - bead.step_mm) if settings.is_milled else 0.0
+
+
 def contour_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings) -> list[Pass]:
     """The contours of one layer, outermost first.
 
@@ -57,6 +66,21 @@ def open_bead(line: Motion, bead: Bead, settings: Settings) -> Pass:
         beyond = end + settings.material.deposition.lead_out_mm * line.tangent(at_end=True)
         pieces.append(straight([end, beyond], line.ends()[3]))
     return _with_leads(line, pieces, line.length, bead, settings)
+
+
+def straight_bead(start: Floats, end: Floats, bead: Bead, settings: Settings) -> Pass:
+    """A straight bead, led in and out along its own line: one line in all.  start, end : (3,) float, mm."""
+    facts = settings.material.deposition
+    gas = facts.shield_gas_l_min.usual
+    lit = float(np.linalg.norm(end - start))
+    along = (end - start) / lit
+    rows = [bead_row(facts.lead_in_mm, bead, gas, True)]
+    if facts.lead_in_mm > 0.0:
+        rows.insert(0, bead_row(0.0, bead, gas, False))
+    if facts.lead_out_mm > 0.0:
+        rows.append(bead_row(facts.lead_in_mm + lit, bead, gas, False))
+    line = straight([start - facts.lead_in_mm * along, end + facts.lead_out_mm * along])
+    return process_pass(line, rows)
 
 
 def _with_leads(first: Motion, pieces: list[Motion], lit_mm: float, bead: Bead, settings: Settings) -> Pass:

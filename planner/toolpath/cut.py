@@ -9,12 +9,12 @@ from planner.nurbs.offset import outset
 from planner.plan import Operation, Pass, Process
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion
-from planner.toolpath.axis import ruled_motions
+from planner.toolpath.axis import goes_on_below, ruled_motions, steepest_lean
 from planner.toolpath.bands import Band
 from planner.toolpath.face import face_passes
 from planner.toolpath.side import begun_on_flat, places, side_pass, swept_by, unreached, upright_passes
 
-BULGE = 0.15
+BULGE = 0.04
 """Of the bead's width: how far melt may run out beyond a track's nominal edge."""
 OVERLAP_MM = 0.1  # by which a band reaches under its bottom where the same wall goes on there
 
@@ -35,11 +35,11 @@ def face_operation(
 
 
 def side_operation(
-    band: Band, below: MultiPolygon, excess_mm: float, settings: Settings
+    band: Band, below: LayerRegion | None, excess_mm: float, settings: Settings
 ) -> tuple[Operation | None, list[str]]:
     """Milling of a band's walls, and findings.
 
-    below : the finished section under the band, mm   excess_mm : metal outside the walls.
+    below : the finished layer under the band, None for the substrate   excess_mm : metal outside the walls.
     """
     findings = _unreached_findings(band, settings)
     note: str = band.kind
@@ -70,25 +70,34 @@ def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings
     )
 
 
-def _may_reach_under(band: Band, below: MultiPolygon, passes: list[Pass], settings: Settings) -> bool:
+def _may_reach_under(band: Band, below: LayerRegion | None, passes: list[Pass], settings: Settings) -> bool:
     """Whether the cutter's end, let down a little, would meet nothing that must stand."""
-    if band.first == 0 or not band.continues or not passes:
+    if below is None or not band.continues or not passes:
         return False
-    touched = shapely.intersection(swept_by(passes, settings.cutter_radius_mm - 0.02), below)
+    touched = shapely.intersection(swept_by(passes, settings.cutter_radius_mm - 0.02), below.areas[2])
     return bool(touched.area < 1e-3)
 
 
-def _ruled_passes(band: Band, below: MultiPolygon, excess_mm: float, settings: Settings) -> list[Pass]:
-    """Passes round all walls of a ruled band, wall by wall; none if the flank cannot follow one of them."""
-    reach = OVERLAP_MM if band.continues and band.first > 0 else 0.0
-    floor = 0.0 if band.first == 0 else (None if band.continues else band.z_bottom)
-    keep_out = outset(below, settings.cutter_radius_mm - 0.5)
+def _ruled_passes(band: Band, below: LayerRegion | None, excess_mm: float, settings: Settings) -> list[Pass]:
+    """Passes round all walls of a ruled band, wall by wall; none if the flank cannot follow one of them.
+
+    The end of a leaning cutter rises away from the wall and leaves a wedge at the foot of what stands outside. Where the
+    same wall goes on below, the cutter reaches under the wedge; else an upright pass clears it.
+    """
     passes = []
     for wall in band.walls:
+        reach = 0.0
+        floor: float | None = 0.0 if band.first == 0 else band.z_bottom
+        wedge = OVERLAP_MM + excess_mm * steepest_lean(wall)
+        if below is not None and band.continues and goes_on_below(wall, wedge, below):
+            reach, floor = wedge, None
         motions = ruled_motions(wall, excess_mm, reach, floor, settings)
         if not motions:
             return []
+        keep_out = outset(band.region, settings.cutter_radius_mm - 0.5)
         passes += [side_pass(begun_on_flat(motion), keep_out, excess_mm, settings) for motion in motions]
+    if band.first == 0 or not band.continues:
+        passes = [*upright_passes(band.region, band.z_bottom, excess_mm, settings), *passes]
     return passes
 
 

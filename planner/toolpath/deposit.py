@@ -16,8 +16,8 @@ from planner.nurbs.offset import outset
 from planner.plan import Operation, Pass, Process
 from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
-from planner.toolpath.centreline import ThinPart, thin_parts
-from planner.toolpath.contour import closed_bead, contour_passes, open_bead
+from planner.toolpath.centreline import thin_parts
+from planner.toolpath.contour import closed_bead, contour_passes, edge_mm, open_bead
 from planner.toolpath.fill import fill_passes
 from planner.toolpath.motion import UP, Motion
 
@@ -27,9 +27,15 @@ THINNEST = 0.35  # of the bead's width: a bead on a thinner wall is mostly besid
 _SMOOTH_DEG = 25.0  # sharper turns of a middle line are corners
 
 
-def grown_region(layer: LayerRegion, settings: Settings) -> MultiPolygon:
-    """What is deposited: the layer's region with the stock allowance on all walls, holes shrunk, mm."""
-    return outset(layer.region, settings.allowance_mm) if settings.allowance_mm > 0.0 else layer.region
+def grown_region(layer: LayerRegion, bead: Bead, settings: Settings) -> MultiPolygon:
+    """What beads cover: the layer's region with allowance and edge strip on all walls, holes shrunk, mm."""
+    growth = outside_mm(bead, settings)
+    return outset(layer.region, growth) if growth > 0.0 else layer.region
+
+
+def outside_mm(bead: Bead, settings: Settings) -> float:
+    """How far tracks reach beyond the finished wall, mm."""
+    return settings.allowance_mm + edge_mm(bead, settings)
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,7 @@ class Dropped:
 
 def deposit_operations(layer: LayerRegion, bead: Bead, settings: Settings) -> tuple[list[Operation], list[Dropped]]:
     """Operations that deposit a layer on its lower plane, without links, and what falls away."""
-    grown = grown_region(layer, settings)
+    grown = grown_region(layer, bead, settings)
     contours = contour_passes(grown, layer.z_bottom, layer.index, bead, settings)
     middles, dropped = _thin_passes(grown, layer, bead, settings)
     fill = fill_passes(grown, layer.z_bottom, layer.index, bead, settings)

@@ -13,8 +13,7 @@ from shapely import MultiPolygon, Polygon
 from planner.nurbs.offset import inset
 from planner.plan import Pass
 from planner.process import Bead, Settings
-from planner.toolpath.contour import open_bead
-from planner.toolpath.motion import straight
+from planner.toolpath.contour import edge_mm, straight_bead
 
 Floats = NDArray[np.float64]
 
@@ -31,13 +30,13 @@ class Track:
     region: int
 
 
-def infill_region(grown: MultiPolygon, bead: Bead, contours: int) -> MultiPolygon:
-    """Where the centres of hatch beads may run.
+def infill_region(grown: MultiPolygon, bead: Bead, settings: Settings) -> MultiPolygon:
+    """Where the centres of hatch beads may run, so that tracks at the step's distance bring just the metal it takes.
 
-    Each innermost contour fills half a step on its inner side, so hatch begins there: the ends overlap the contour by
-    width/2 - step/2, and tracks at the step's distance then carry exactly the metal that the region needs.
+    A track fills one step of width. The contours therefore account for as many steps from the edge of full height, and
+    hatch ends there; its tracks overlap the contour's.
     """
-    return inset(grown, 0.5 * bead.width_mm + (contours - 1) * bead.step_mm + 0.5 * bead.step_mm)
+    return inset(grown, edge_mm(bead, settings) + settings.recipe.contours * bead.step_mm)
 
 
 def hatch_angle(layer: int, settings: Settings) -> float:
@@ -129,8 +128,8 @@ def _nearest(at: tuple[float, float], strands: list[list[Piece]]) -> int:
 
 def fill_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings) -> list[Pass]:
     """The hatch of one layer.  grown : region to fill, allowance included, mm   z : of the surface that receives it."""
-    region = infill_region(grown, bead, settings.recipe.contours)
+    region = infill_region(grown, bead, settings)
     if region.is_empty:
         return []
     tracks = hatch_tracks(region, hatch_angle(layer, settings), bead.step_mm, _LEAST_LINE * bead.width_mm)
-    return [open_bead(straight([[*track.start, z], [*track.end, z]]), bead, settings) for track in tracks]
+    return [straight_bead(np.append(track.start, z), np.append(track.end, z), bead, settings) for track in tracks]

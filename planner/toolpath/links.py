@@ -22,6 +22,7 @@ RAPID_MM_S = 100.0  # nominal: a rapid goes as fast as the cell allows
 _SHORT_STEPS = 3.0  # bead widths and leads: up to here the head stays in the layer between hatch lines
 _LEAST_AXIS_Z = 0.05  # below it lifting along the axis leads nowhere
 _MET_MM = 1e-6
+_HOP = np.array([0.0, 0.0, 1.0])  # mm: room to turn in, where the tip need not go anywhere
 
 
 @dataclass(frozen=True)
@@ -113,9 +114,9 @@ def _link(poses: list[Pose], feed_mm_s: float, row: Floats | None, rapid: bool) 
         if np.linalg.norm(pose.tip - kept[-1].tip) > _MET_MM:
             kept.append(pose)
         elif np.abs(pose.axis - kept[-1].axis).max() > 1e-9:
-            kept.append(Pose(pose.tip + [0.0, 0.0, 1.0], pose.axis))
+            kept.append(Pose(pose.tip + _HOP, pose.axis))
     if len(kept) == 1:
-        kept = [kept[0], Pose(kept[0].tip + [0.0, 0.0, 1.0], kept[0].axis), kept[0]]
+        kept = [kept[0], Pose(kept[0].tip + _HOP, kept[0].axis), kept[0]]
     tips, axes = np.array([pose.tip for pose in kept]), np.array([pose.axis for pose in kept])
     powder, gas = (0.0, 0.0) if row is None else (float(row[3]), float(row[4]))
     motion = straight(tips, axes[0]) if np.abs(axes - axes[0]).max() < 1e-12 else turning(tips, axes)

@@ -14,7 +14,7 @@ from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
 from planner.toolpath.bands import Band
 from planner.toolpath.cut import BULGE, face_operation, side_operation
-from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region
+from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
 from planner.toolpath.links import Pose, linked
 
 _HIGHER = 1e-3  # relative: a bead this much above what was asked is no rounding
@@ -52,7 +52,8 @@ class Sequence:
         self.metal_top = layer.z_top + self.above_mm + max(bead.crest_mm - bead.height_mm, 0.0)
         for operation in operations:
             self.add(operation, layer.index)
-        self.deposited_mm3 += grown_region(layer, self.settings).area * bead.height_mm
+        filled = outset(layer.region, self.settings.allowance_mm) if self.settings.allowance_mm > 0.0 else layer.region
+        self.deposited_mm3 += filled.area * bead.height_mm
 
     def face(self, layer: LayerRegion, metal: MultiPolygon) -> None:
         """The facing of a layer's top."""
@@ -61,7 +62,7 @@ class Sequence:
             self.add(operation, layer.index)
         self.metal_top, self.above_mm, self.unfaced = layer.z_top, 0.0, 0
 
-    def mill(self, band: Band, below: MultiPolygon, excess_mm: float) -> None:
+    def mill(self, band: Band, below: LayerRegion | None, excess_mm: float) -> None:
         """The milling of a band's walls."""
         operation, findings = side_operation(band, below, excess_mm, self.settings)
         self.findings.extend(findings)
@@ -89,10 +90,10 @@ def build_up(
         if settings.is_milled:
             bulge = BULGE * bead.width_mm
             if band is not None or _is_face_due(sequence, layer, bead, layer.index == len(layers) - 1):
-                sequence.face(layer, outset(grown_region(layer, settings), bulge, 0.01))
+                sequence.face(layer, outset(grown_region(layer, bead, settings), bulge, 0.01))
             if band is not None:
-                below = layers[band.first - 1].areas[2] if band.first else MultiPolygon()
-                sequence.mill(band, below, settings.allowance_mm + bulge + _leaning_out(band, layers))
+                below = layers[band.first - 1] if band.first else None
+                sequence.mill(band, below, outside_mm(bead, settings) + bulge + _leaning_out(band, layers))
         progress((layer.index + 1) / len(layers))
     if not sequence.operations:
         raise PlanningError(
