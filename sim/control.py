@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from sim.faults import KINDS, Faults, FaultScriptError
 from sim.world import World
 
+LOG = logging.getLogger(__name__)
 SOCKET_PATH_MAX = 107  # sun_path holds 108 bytes
 HANDS = ("open_door", "close_door", "press_estop", "release_estop")
 
@@ -73,6 +75,11 @@ class Control:
             return {"ok": False, "error": error.message, "hint": error.hint}
         except CommandError as error:
             return {"ok": False, "error": str(error)}
+        except (ValueError, TypeError, KeyError) as error:
+            return {"ok": False, "error": f"a value cannot be used: {error}"}
+        except Exception as error:  # a connection's edge: the cell goes on, the asker is told
+            LOG.exception("control command failed")
+            return {"ok": False, "error": f"{type(error).__name__}: {error}"}
 
     async def _carry_out(self, command: dict[str, Any]) -> Answer:
         do = str(command.get("do"))

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from skimage.measure import marching_cubes
 
 from config import Cell, ConfigError, load_material
 from sim.compare import Deviation, compare
 from sim.control import Answer, CommandError
+from sim.picture import built_mesh, picture
 from sim.process.metal import Metal
 from sim.process.stock import Stock
 from sim.process.target import Target
@@ -57,6 +57,7 @@ class Workshop:
     def __init__(self, world: World, cell_mm: float) -> None:
         self._world, self._cell_mm = world, cell_mm
         self._thread: ThreadPoolExecutor | None = None
+        self._name = ""
         self._metal: Metal | None = None
         self._target: Target | None = None
         self._waiting: list[Trace] = []
@@ -65,6 +66,7 @@ class Workshop:
     async def clamp(self, command: dict[str, Any]) -> Answer:
         """A fresh plate for a part: "mesh" (file), "build_from_part" ((4, 4), default identity), "material", "cell_mm".
 
+        "box_allowance_mm", if given, clamps a box of metal as well, so much larger than the part's on every side but the bottom.
         Raises CommandError when the mesh or the material cannot be read.
         """
         await self._rest()
@@ -79,7 +81,11 @@ class Workshop:
             cell_mm,
         )
         metal, target = await loop.run_in_executor(self._thread, _prepare, self._world.cell, *arguments)
-        self._metal, self._target = metal, target
+        if "box_allowance_mm" in command:
+            allowance = float(command["box_allowance_mm"])
+            low, high = target.bounds
+            metal.stock.fill_box(np.array([low - [allowance, allowance, 0.0], high + allowance]))
+        self._metal, self._target, self._name = metal, target, Path(arguments[0]).stem
         self._world.metal = self
         return {"cells": int(metal.stock.field.size), "cell_mm": cell_mm}
 
@@ -101,7 +107,7 @@ class Workshop:
             await asyncio.shield(self._work)
 
     async def measure(self, command: dict[str, Any]) -> Answer:
-        """Compare as-built with the part and write as_built.stl, .json and .png to "dir".
+        """Compare as-built with the part and write as_built.stl, .json and .png to "dir" ("name", "tolerance_mm" for the picture).
 
         Raises CommandError when no workpiece is clamped.
         """
@@ -110,7 +116,9 @@ class Workshop:
         await self._rest()
         folder = Path(str(command.get("dir", ".")))
         loop = asyncio.get_running_loop()
-        deviation = await loop.run_in_executor(self._thread, _write, self._metal, self._target, folder)
+        name, tolerance_mm = str(command.get("name", self._name)), float(command.get("tolerance_mm", self._cell_mm))
+        arguments = self._metal, self._target, folder, name, tolerance_mm
+        deviation = await loop.run_in_executor(self._thread, _write, *arguments)
         return {"dir": str(folder), "deviation": deviation.as_dict()}
 
     async def close(self) -> None:
@@ -149,17 +157,18 @@ def _prepare(cell: Cell, mesh: str, build_from_part: Any, material: str, cell_mm
     return Metal(stock, cell, build_from_machine(cell)), target
 
 
-def _write(metal: Metal, target: Target, folder: Path) -> Deviation:
-    """Measure and write the files."""
+def _write(metal: Metal, target: Target, folder: Path, name: str, tolerance_mm: float) -> Deviation:
+    """Measure, and write surface, figures and picture. Raises CommandError when the folder cannot be written."""
     metal.finish()
     stock = metal.stock
     deviation = compare(stock, target)
-    folder.mkdir(parents=True, exist_ok=True)
-    padded = np.pad(stock.field, 1, constant_values=stock.band_mm)
-    vertices, facets, _, _ = marching_cubes(  # type: ignore[no-untyped-call]
-        padded, 0.0, spacing=(stock.cell_mm,) * 3
-    )
-    surface = trimesh.Trimesh(vertices + stock.origin - stock.cell_mm, facets[:, ::-1], process=False)
-    surface.export(folder / "as_built.stl")
-    (folder / "as_built.json").write_text(json.dumps(deviation.as_dict(), indent=1) + "\n", encoding="utf-8")
+    vertices, facets = built_mesh(stock, 0.0)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if len(facets):
+            trimesh.Trimesh(vertices, facets, process=False).export(folder / "as_built.stl")
+        (folder / "as_built.json").write_text(json.dumps(deviation.as_dict(), indent=1) + "\n", encoding="utf-8")
+        (folder / "as_built.png").write_bytes(picture(stock, target, deviation, tolerance_mm, name))
+    except OSError as error:
+        raise CommandError(f"as_built: {folder}: cannot be written: {error.strerror}") from None
     return deviation

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ class World:
     """
 
     def __init__(
-        self, cell: Cell, devices: dict[str, Device], *, metal: Metal | None = None, time_scale: float = 1.0,
+        self, cell: Cell, devices: Mapping[Any, Device], *, metal: Metal | None = None, time_scale: float = 1.0,
         dead_man: bool = True, faults: Sequence[Fault | str] = (),
     ) -> None:  # fmt: skip
         simulation, gate = cell.simulation, cell.cnc.laser_gate_output
