@@ -135,6 +135,7 @@ class Commands:
         if not is_reached(c.state, T.HOLD):
             after(c.state, T.HOLD)
             drivers = self._drivers()
+            was_permitted = c.hand.is_permitted
             c.hand.lock(command.because)
             if c.state is S.JOGGING:
                 drivers.cnc.jog_cancel()
@@ -143,7 +144,8 @@ class Commands:
                 if c.run is not None:
                     c.run.transaction = None
             else:
-                c.quiesce.begin(c.times.wire.now(), reset=False)
+                lead = c.cell.limits.tick_s if was_permitted else 0.0
+                c.quiesce.begin(c.times.wire.now(), reset=False, lead_s=lead)
             c.go(T.HOLD, command.because or "held by the operator")
         return {"state": c.state.value}
 

@@ -15,7 +15,7 @@ from cellctl.cell.stream import Run
 from cellctl.cell.transaction import StepFailedError, Transaction
 from cellctl.domain.interlocks import may_emit
 from cellctl.domain.messages import Event
-from cellctl.domain.reactions import REACTIONS, explain
+from cellctl.domain.reactions import INTERLOCK_CAUSE, REACTIONS, explain
 from cellctl.domain.snapshot import Alarm, JobView, Lines, Permissive
 from cellctl.domain.states import IN_JOB, LATCHED, State, Trigger, after
 from config.cell import Cell
@@ -132,7 +132,9 @@ class Controller:
 
     def fault(self, code: str, detail: str = "", remedy: str = "") -> None:
         """Latch a fault with its cause and remedy, laser off first; the same one twice is one alarm."""
+        lead_s = 0.0
         if self.drivers is not None:
+            lead_s = self.cell.limits.tick_s if self.hand.is_permitted else 0.0
             self.hand.lock(code)
         if code in self.alarms:
             return
@@ -146,8 +148,8 @@ class Controller:
         if self.drivers is None:
             return
         reaction = REACTIONS[code]
-        if not was_latched:
-            self.quiesce.begin(self.times.wire.now(), reset=False)
+        if not was_latched and self.is_cnc_alive:
+            self.quiesce.begin(self.times.wire.now(), reset=False, lead_s=lead_s)
         if reaction.motion == "reset" and self.is_cnc_alive:
             self.quiesce.begin(self.times.wire.now(), reset=True)
         if reaction.powder_off:
@@ -226,7 +228,9 @@ class Controller:
         if self.state is not S.OFFLINE:
             found += self.senses.unpermitted_emission(self.hand)
         for code, detail, remedy in found:
-            self.fault(code, detail, remedy)
+            is_known = code == "laser_interlock" and any(cause in self.alarms for cause in INTERLOCK_CAUSE.values())
+            if not is_known:  # the laser's chain repeats what the contacts have told
+                self.fault(code, detail, remedy)
 
     def _on_cnc(self, event: CncEvent) -> None:
         busy = self.state in IN_JOB or self.state in (S.HOMING, S.JOGGING)

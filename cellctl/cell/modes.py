@@ -120,11 +120,14 @@ class Modes:
         )
         return steps
 
-    def powder(self, g_min: float) -> Step:
-        """Set the rate and wait until its read-back is steady."""
+    def powder(self, g_min: float) -> list[Step]:
+        """Set the rate and wait until its read-back is steady.
+
+        Powder that was shut a moment ago still arrives through the hose: it has to be gone before its read-back tells anything.
+        """
         feeder, limits = self._d.feeder, self._cell.limits
         band = max(limits.powder_settle_tolerance * g_min, NO_POWDER_G_MIN)
-        return Step(
+        flow = Step(
             f"waiting for powder to flow at {g_min:g} g/min" if g_min > 0 else "waiting for powder to stop",
             lambda: abs(feeder.rate_readback_g_min - g_min) <= band,
             limits.powder_settle_timeout_s,
@@ -132,10 +135,17 @@ class Modes:
             age_s=lambda: feeder.age_s,
             must_last_s=0.1,
             code="powder_flow",
-            detail=lambda: (
-                f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s"
-            ),
+            detail=lambda: f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s",
         )
+        gone = Step(
+            "waiting for the powder in the hose",
+            lambda: feeder.rate_setpoint_g_min > 0 or g_min <= 0 or feeder.rate_readback_g_min <= NO_POWDER_G_MIN,
+            limits.powder_settle_timeout_s,
+            age_s=lambda: feeder.age_s,
+            code="powder_flow",
+            detail=lambda: f"{feeder.rate_readback_g_min:.1f} g/min read back though it is shut",
+        )
+        return [gone, flow]
 
     def gas(self, carrier: bool, l_min: float) -> Step:
         """Set carrier or shield gas and wait until it flows."""

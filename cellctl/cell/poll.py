@@ -42,6 +42,8 @@ async def poll_line(devices: Sequence[Cycled], clock: Clock, is_ticking: Callabl
         started = clock.now()
         for device in devices:
             device.client.is_beating = is_ticking()
+            if not device.client.is_beating:
+                device.client.safe()
             await device.cycle()
         pause = max(period - (clock.now() - started), 0.001)
         if not any(device.client.wake.is_set() for device in devices):

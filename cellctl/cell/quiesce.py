@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+
 from drivers.cell_wires import CellDrivers
+from drivers.errors import LinkError
 
 REPEAT_S = 0.1  # a hold that was not seen to act is said again
 STAND_TIMEOUT_S = 1.5  # after that a reset is safer than more motion
@@ -20,10 +23,14 @@ class Quiesce:
         self._began_at = 0.0
         self._said_at = -1.0
 
-    def begin(self, now: float, *, reset: bool) -> None:
-        """Come to rest from now on; harmless twice. reset : drop what is buffered at standstill."""
+    def begin(self, now: float, *, reset: bool, lead_s: float = 0.0) -> None:
+        """Come to rest from now on; harmless twice.
+
+        reset : drop what is buffered at standstill. lead_s : let so much time go by before the first hold, so that the laser is
+        dark before the tip slows down.
+        """
         self._began_at = now
-        self._said_at = -1.0
+        self._said_at = now + lead_s - REPEAT_S
         self._wants_reset = reset
         self.is_reset = False
         self.advance(now)
@@ -54,7 +61,11 @@ class Quiesce:
         )
 
     def advance(self, now: float) -> None:
-        """Say hold where motion is or may come, reset where it was asked for."""
+        """Say hold where motion is or may come, reset where it was asked for. A lost link is told by the driver's next events."""
+        with contextlib.suppress(LinkError):
+            self._advance(now)
+
+    def _advance(self, now: float) -> None:
         cnc = self._d.cnc
         status = cnc.status
         state = status.state if status else ""

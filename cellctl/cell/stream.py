@@ -259,7 +259,7 @@ class Run:
             return [*self._modes.steps(mode, self.tool_at(index), self.offset), done]
         assign = Step("set-points", lambda: True, 1.0, act=lambda: self._set(channel, value))
         if channel == Channel.POWDER_G_MIN:
-            return [assign, self._modes.powder(value)]
+            return [*self._modes.powder(value), assign]
         if channel in (Channel.CARRIER_GAS_L_MIN, Channel.SHIELD_GAS_L_MIN):
             return [assign, self._modes.gas(channel == Channel.CARRIER_GAS_L_MIN, value)]
         return [assign]
@@ -297,7 +297,7 @@ class Run:
                 self._modes.gas(True, self.wanted.carrier_gas_l_min),
                 self._modes.gas(False, self.wanted.shield_gas_l_min),
             ]
-            steps.append(self._modes.powder(self.wanted.powder_g_min))
+            steps += self._modes.powder(self.wanted.powder_g_min)
         return steps
 
     # -- emission ------------------------------------------------------------------------------------------------------

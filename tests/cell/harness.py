@@ -21,10 +21,12 @@ from config.cell import Cell, load_cell
 from config.device import load_device
 from planner.program import Program
 from sim.world import World
+from tests.cell.jobs import one_wall
 from tests.cell.plant_wires import ManualClock, PlantWires
 
 UNIX_START = 1_800_000_000.0
-SPINS = 40  # turns of the event loop that one tick's work may take
+SPINS = 12  # turns of the event loop that one tick's work may take
+DARK_W = 10.0  # about 1 % of the power: tail of the laser's ramp
 ROLES = ("laser", "feeder", "io")
 LONGEST_S = 600.0
 
@@ -55,6 +57,7 @@ class CellUnderTest:
         self.max_standstill_emission_w = 0.0
         self.burnt_lines: set[int] = set()
         self.is_alive = False
+        self.is_ticking = True
 
     # -- processes -----------------------------------------------------------------------------------------------------
 
@@ -116,7 +119,7 @@ class CellUnderTest:
             self._witness()
             self.clock.advance(tick)
             await self._settle()
-            if self.is_alive:
+            if self.is_alive and self.is_ticking:
                 self.controller.tick()
                 await self._settle()
                 if done % 10 == 0:
@@ -124,6 +127,15 @@ class CellUnderTest:
         if until is not None:
             because = f"{self.state}: {self.controller.because}; waiting: {self.snapshot.waiting}; alarms: {list(self.controller.alarms)}"
             assert until(), f"not within {count * tick:g} s; {because}"
+
+    async def hurry(self, until: Callable[[], bool], scale: float = 10.0) -> None:
+        """Let the plant run `scale` times as fast as the wires until something holds; then again as before."""
+        before, self.time_scale = self.time_scale, scale
+        self.sim.time_scale = scale
+        try:
+            await self.forward(until=until)
+        finally:
+            self.time_scale = self.sim.time_scale = before
 
     async def _settle(self) -> None:
         for _ in range(SPINS):
@@ -133,7 +145,7 @@ class CellUnderTest:
         """Note at the plant what must never be: light at standstill."""
         trace = self.sim.trace
         for k in range(len(trace.dt)):
-            if trace.emission_w[k] > 1.0:
+            if trace.emission_w[k] > DARK_W:
                 self.burnt_lines.add(int(trace.line[k]))
                 if trace.dt[k] > 0 and abs(trace.tip1[k] - trace.tip0[k]).max() == 0.0:
                     self.max_standstill_emission_w = max(self.max_standstill_emission_w, float(trace.emission_w[k]))
@@ -171,6 +183,39 @@ class CellUnderTest:
     def is_depositing(self) -> bool:
         """Whether the plant emits on a bead that is well under way."""
         return self.sim.laser.is_emitting and self.sim.tip_speed_mm_s > 5.0 and self.snapshot.lines.executing > 9
+
+    async def deposit(self, **shape: Any) -> None:
+        """Start one_wall and go on until it deposits."""
+        reply = await self.start(one_wall(self.facts, **shape))
+        assert reply.ok, reply.error
+        await self.hurry(self.is_depositing)
+        await self.forward(ticks=30)
+        assert self.is_depositing()
+
+    def jam_head(self) -> None:
+        """The head's slide stays where it is from now on."""
+        io = self.sim.io
+
+        def step(dt_s: float, wire_dt_s: float) -> None:
+            io.watch(wire_dt_s)
+            io.show()
+
+        io.step = step  # type: ignore[method-assign]
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether the plant emits no more than the tail of the laser's ramp."""
+        return self.sim.laser_emission_w < DARK_W
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the plant stands."""
+        return self.sim.cnc.machine.motion.speed == 0.0
+
+    @property
+    def latched(self) -> list[str]:
+        """Codes of the alarms."""
+        return list(self.controller.alarms)
 
     def is_state(self, *states: State) -> Callable[[], bool]:
         return lambda: self.state in states

@@ -96,7 +96,7 @@ def one_wall(cell: Cell, *, layers: int = 2, length_mm: float = 40.0, pieces: in
 def bead(w: Writer, z: float, length: float, pieces: int, *, first: bool) -> None:
     """To the clearance, approach, gate open, the pass, gate shut, away."""
     stream = w.cell.cnc.laser_gate_output is not None
-    n = w.move(-length / 2 - 5.0, 0.0, z + CLEARANCE_MM, LineKind.LINK, 100.0)
+    n = w.move(-length / 2 - 5.0, 0.0, z + CLEARANCE_MM, LineKind.LINK, 190.0)
     if first:
         w.at(n, Channel.MODE, 1, barrier=True)
         w.at(n, Channel.CARRIER_GAS_L_MIN, 5.0, barrier=True)
