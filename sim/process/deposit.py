@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 FIELD = NDArray[np.float32]
+OPEN_BELOW = -1e30  # mm: metal without an underside in reach
 LEVEL_STEPS = 40  # halvings of the level's bracket: 1e-12 of it remains
 
 
@@ -138,22 +139,36 @@ def add_piece(
         i, j = index[c, 0], index[c, 1]
         flat = (origin[0] + i * cell) * axis[0] + (origin[1] + j * cell) * axis[1]
         top = (height[c] + rise - flat) / axis[2]
-        bottom = (height[c] - flat) / axis[2] if hanging[c] else -1e30
-        _fill_column(field[i, j], origin[2], cell, band, bottom, top, axis[2])
+        found = (height[c] - flat) / axis[2]
+        bottom = found if hanging[c] else _underside(field[i, j], origin[2], cell, found, top - 2.0 * band / axis[2])
+        _fill_column(field[i, j], origin[2], cell, band, bottom, found, top, axis[2])
     return held
 
 
 @njit(cache=True)
-def _fill_column(column: FIELD, z0: float, cell: float, band: float, bottom: float, top: float, cosine: float) -> None:
-    """Unite one column with metal between two heights (mm)."""
+def _underside(column: FIELD, z0: float, cell: float, surface: float, deepest: float) -> float:
+    """Height (mm) of the lower end of the metal that carries `surface`; OPEN_BELOW where it goes on below `deepest`."""
+    k = int(np.ceil((surface - z0) / cell)) - 1
+    while k > 0 and z0 + k * cell > deepest and column[k] < 0.0:
+        k -= 1
+    if k < 0 or column[k] < 0.0:
+        return OPEN_BELOW
+    above = column[k + 1]
+    return z0 + (k + (column[k] / (column[k] - above) if above < 0.0 else 1.0)) * cell
+
+
+@njit(cache=True)
+def _fill_column(column: FIELD, z0: float, cell: float, band: float, bottom: float, surface: float, top: float, cosine: float) -> None:
+    """Raise one column's surface to `top` (mm); below the old surface only cells whose nearest surface it was sink deeper into the metal."""
     last = min(column.shape[0] - 1, int(np.ceil((top + band / cosine - z0) / cell)))
-    first = int(np.floor((top - 2.0 * band / cosine - z0) / cell))
-    if bottom > -1e29:
+    first = int(np.floor((surface - band / cosine - z0) / cell))
+    if bottom > OPEN_BELOW:
         first = min(first, int(np.floor((bottom - band / cosine - z0) / cell)))
     for k in range(last, max(0, first) - 1, -1):
         z = z0 + k * cell
         inside = max(z - top, bottom - z) * cosine
-        if inside < column[k]:
+        beside_wall = z < surface and column[k] > (z - surface) * cosine + 0.05 * cell
+        if inside < column[k] and not beside_wall:
             column[k] = max(-band, inside)
 
 

@@ -13,7 +13,7 @@ from sim.process.melt import bead_section
 Array = NDArray[np.float64]
 
 BAND_CELLS = 3.0  # the field is exact this far from the surface: enough for a trilinear look-up and a cutter's sweep
-POWDER_REACH_MM = 4.0  # powder is still in focus this far below the spot
+REACH_HEIGHTS = 1.5  # of the bead's height below the spot: what lies deeper the pool does not touch
 ADHESION_WIDTHS = 0.35  # of the bead's width: the pool holds to its neighbour over that much of nothing
 AXIAL_STEP_CELLS = 0.1  # a cutter's move along its axis is split this fine
 ANGLE_STEP_RAD = 0.02  # and a turning axis this fine
@@ -76,7 +76,7 @@ class Stock:
         held = float(
             add_piece(
                 field, origin, self.cell_mm, self.band_mm, p0, p1, a, 0.5 * bead.width_mm, bead.height_mm, volume,
-                POWDER_REACH_MM, ADHESION_WIDTHS * bead.width_mm,
+                REACH_HEIGHTS * bead.height_mm, ADHESION_WIDTHS * bead.width_mm,
             )
         )  # fmt: skip
         self.deposited_mm3 += held

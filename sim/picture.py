@@ -1,0 +1,141 @@
+"""The picture of a built part: shaded, coloured by its deviation from the mesh, from two sides, with scale and figures."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numba import njit
+from numpy.typing import NDArray
+from skimage.measure import marching_cubes
+
+from sim.compare import Deviation
+from sim.process.stock import Stock
+from sim.process.target import Target
+
+Array = NDArray[np.float64]
+
+PIXELS = 1100  # of a view's side before it is halved for smooth edges
+VIEWS = ((0.75, 0.55, "from front right"), (0.75 + np.pi, 0.3, "from back left"))  # azimuth, elevation, rad
+LIGHT = np.array([0.35, -0.45, 0.82])
+PAPER = 0.97
+INK = "#22272e"
+
+
+def built_mesh(stock: Stock, base_mm: float) -> tuple[Array, NDArray[np.int64]]:
+    """Surface of the stock above `base_mm` as triangles: vertices (n, 3) mm, build frame, and facets (m, 3), closed at the base.
+
+    Empty arrays when there is no metal there.
+    """
+    first = max(0, int(np.ceil((base_mm - stock.origin[2]) / stock.cell_mm)))
+    field = np.pad(stock.field[:, :, first:], 1, constant_values=stock.band_mm)
+    if not (field < 0.0).any():
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    vertices, facets, _, _ = marching_cubes(field, 0.0, spacing=(stock.cell_mm,) * 3)  # type: ignore[no-untyped-call]
+    origin = stock.origin + [0.0, 0.0, first * stock.cell_mm]
+    return vertices - stock.cell_mm + origin, facets[:, ::-1].astype(np.int64)
+
+
+@njit(cache=True)
+def rasterise(screen: Array, facets: NDArray[np.int64], value: Array, shade: Array, width: int, height: int) -> Array:
+    """Draw triangles with a depth buffer. screen (n, 3) pixels x, y and depth towards the eye; value, shade (n,) -> (h, w, 3).
+
+    Layers of the result: value, shade, and 1 where something is drawn.
+    """
+    image = np.zeros((height, width, 3))
+    depth = np.full((height, width), -1e30)
+    for f in range(facets.shape[0]):
+        i, j, k = facets[f]
+        ax, ay, bx, by, cx, cy = screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1], screen[k, 0], screen[k, 1]
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        if abs(area) < 1e-12:
+            continue
+        for py in range(max(0, int(min(ay, by, cy))), min(height - 1, int(max(ay, by, cy)) + 1) + 1):
+            for px in range(max(0, int(min(ax, bx, cx))), min(width - 1, int(max(ax, bx, cx)) + 1) + 1):
+                u = ((bx - px) * (cy - py) - (cx - px) * (by - py)) / area
+                v = ((cx - px) * (ay - py) - (ax - px) * (cy - py)) / area
+                w = 1.0 - u - v
+                if u < 0.0 or v < 0.0 or w < 0.0:
+                    continue
+                z = u * screen[i, 2] + v * screen[j, 2] + w * screen[k, 2]
+                if z > depth[py, px]:
+                    depth[py, px] = z
+                    image[py, px, 0] = u * value[i] + v * value[j] + w * value[k]
+                    image[py, px, 1] = u * shade[i] + v * shade[j] + w * shade[k]
+                    image[py, px, 2] = 1.0
+    return image
+
+
+def vertex_normals(vertices: Array, facets: NDArray[np.int64]) -> Array:
+    """Area-weighted unit normals, (n, 3)."""
+    corners = vertices[facets]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, facets[:, corner], cross)
+    length = np.linalg.norm(normals, axis=1)
+    unit: Array = normals / np.maximum(length, 1e-30)[:, None]
+    return unit
+
+
+def render(vertices: Array, facets: NDArray[np.int64], value: Array, azimuth: float, elevation: float, limit: float) -> Array:
+    """One view as an image (PIXELS/2, PIXELS/2, 3) in 0..1; value (n,) is coloured from -limit (blue) to +limit (red)."""
+    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    right = np.array([-sa, ca, 0.0])
+    towards = np.array([ca * ce, sa * ce, se])
+    up = np.cross(towards, right)
+    frame = vertices @ np.stack([right, up, towards], axis=1)
+    low, high = frame[:, :2].min(axis=0), frame[:, :2].max(axis=0)
+    scale = 0.92 * PIXELS / float((high - low).max())
+    screen = np.empty_like(frame)
+    screen[:, :2] = (frame[:, :2] - 0.5 * (low + high)) * scale + 0.5 * PIXELS
+    screen[:, 2] = frame[:, 2]
+    light = LIGHT[0] * right + LIGHT[1] * -up + LIGHT[2] * towards
+    light = light / np.linalg.norm(light)
+    shade = 0.55 + 0.45 * np.clip(vertex_normals(vertices, facets) @ light, 0.0, 1.0)
+    drawn = rasterise(screen, facets, value, shade, PIXELS, PIXELS)[::-1]
+    colours = colormaps["RdBu_r"](np.clip(0.5 + 0.5 * drawn[..., 0] / limit, 0.0, 1.0))[..., :3]
+    image = np.where(drawn[..., 2:3] > 0.0, colours * drawn[..., 1:2], PAPER)
+    halved: Array = image.reshape(PIXELS // 2, 2, PIXELS // 2, 2, 3).mean(axis=(1, 3))
+    return halved
+
+
+def picture(stock: Stock, target: Target, deviation: Deviation, tolerance_mm: float, name: str) -> bytes:
+    """PNG of the as-built part. Colours end at twice the tolerance; what stands on the substrate only is drawn."""
+    vertices, facets = built_mesh(stock, stock.cell_mm)
+    figure = Figure(figsize=(11.0, 6.2), dpi=110, facecolor=(PAPER,) * 3)
+    FigureCanvasAgg(figure)
+    limit = 2.0 * tolerance_mm
+    if len(vertices):
+        value = target.signed_distance(vertices)
+        for index, (azimuth, elevation, words) in enumerate(VIEWS):
+            axes = figure.add_axes((0.01 + 0.44 * index, 0.10, 0.44, 0.78))
+            axes.imshow(render(vertices, facets, value, azimuth, elevation, limit), interpolation="antialiased")
+            axes.set_axis_off()
+            axes.set_title(words, color=INK, fontsize=9, y=-0.02)
+    else:
+        figure.text(0.45, 0.5, "no metal stands on the substrate", ha="center", color=INK, fontsize=14)
+    bar = figure.add_axes((0.92, 0.16, 0.018, 0.66))
+    scale = figure.colorbar(ScalarMappable(Normalize(-limit, limit), "RdBu_r"), cax=bar)
+    scale.set_ticks([-limit, -tolerance_mm, 0.0, tolerance_mm, limit])
+    scale.ax.tick_params(labelsize=8, colors=INK)
+    bar.set_title("mm", fontsize=9, color=INK)
+    figure.text(0.02, 0.94, f"{name}: as built, coloured by deviation from the mesh", fontsize=13, color=INK, weight="bold")
+    figure.text(0.02, 0.035, caption(deviation, tolerance_mm), fontsize=9.5, color=INK)
+    out = io.BytesIO()
+    figure.savefig(out, format="png", metadata={"Software": None}, facecolor=figure.get_facecolor())
+    return out.getvalue()
+
+
+def caption(deviation: Deviation, tolerance_mm: float) -> str:
+    """The figures under the picture, one line."""
+    return (
+        f"99 % of the surface within {deviation.p99_mm:.3f} mm (tolerance {tolerance_mm:g} mm)   median {deviation.p50_mm:.3f} mm   "
+        f"most excess {deviation.max_excess_mm:.2f} mm, most missing {deviation.max_missing_mm:.2f} mm   "
+        f"missing {deviation.missing_mm3:.1f} of {deviation.part_mm3:.0f} mm³   grid {deviation.cell_mm:g} mm"
+    )

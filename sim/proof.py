@@ -1,0 +1,73 @@
+"""The Proof: verdict, reasons, figures and picture of one dry run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+
+from config import Material
+from sim.compare import Deviation
+from sim.findings import Finding
+from sim.job import Job
+from sim.process.melt import bead_section
+
+MISSING_SHARE = 0.005  # of the part's volume: what a polisher would not notice, and a lost bead exceeds
+PROOF_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What the twin says of a Program. `reasons` are the lines that an engineer reads first; empty when passed."""
+
+    passed: bool
+    reasons: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    deviation: Deviation
+    tolerance_mm: float
+    duration_s: float
+    lines: int
+    lines_executed: int
+    deposited_mm3: float
+    lost_powder_mm3: float
+    picture: bytes = field(repr=False, default=b"")
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data without the picture."""
+        return {
+            "schema": PROOF_SCHEMA,
+            "passed": self.passed,
+            "reasons": list(self.reasons),
+            "findings": [asdict(finding) for finding in self.findings],
+            "deviation": self.deviation.as_dict(),
+            "tolerance_mm": self.tolerance_mm,
+            "duration_s": self.duration_s,
+            "lines": self.lines,
+            "lines_executed": self.lines_executed,
+            "deposited_mm3": self.deposited_mm3,
+            "lost_powder_mm3": self.lost_powder_mm3,
+        }
+
+    def to_json(self) -> str:
+        """The same as JSON, keys sorted: equal proofs give equal text."""
+        return json.dumps(self.to_dict(), sort_keys=True, indent=1)
+
+
+def allowed_deviation_mm(program: Job, material: Material) -> float:
+    """Bound on the 99th percentile: the tolerance; a part that is only deposited may stand out by one bead's height more."""
+    if program.process != "deposit":
+        return program.tolerance_mm
+    window = material.deposition
+    bead = bead_section(material, window.laser_w.usual, window.powder_g_min.usual, window.speed_mm_s.usual)
+    return program.tolerance_mm + bead.height_mm
+
+
+def verdict(program: Job, material: Material, deviation: Deviation, findings: tuple[Finding, ...]) -> tuple[bool, tuple[str, ...]]:
+    """Whether the Program may run, and if not, why: one line each."""
+    reasons = [f"{f.kind}: {f.text}" + (f" (line N{f.line}, layer {f.layer})" if f.line else "") for f in findings]
+    allowed = allowed_deviation_mm(program, material)
+    if deviation.p99_mm > allowed:
+        reasons.append(f"surface: 99 % lies within {deviation.p99_mm:.3f} mm, allowed {allowed:.3f} mm")
+    if deviation.missing_mm3 > MISSING_SHARE * deviation.part_mm3:
+        share = 100.0 * deviation.missing_mm3 / deviation.part_mm3
+        reasons.append(f"missing metal: {deviation.missing_mm3:.1f} mm3 ({share:.2f} % of the part), allowed {100 * MISSING_SHARE:.1f} %")
+    return not reasons, tuple(reasons)
