@@ -100,12 +100,7 @@ class CncLine:
         if self._lost:
             return self.facts.status_period_s
         to_query = max(0.0, self._asked_at + max(QUERY_PERIOD_MIN_S, self.facts.status_period_s) - self.clock.now())
-        if self._going is None:
-            return to_query
-        try:
-            return min(to_query, self._wire.wait_s())
-        except LinkLost:
-            return 0.0
+        return to_query if self._going is None else min(to_query, self._wire.wait_s())
 
     def step(self) -> None:
         """As pump, but the events stay for the next pump."""

@@ -6,6 +6,7 @@ Written bytes cannot be overtaken: what stands in the operating system's queue i
 from __future__ import annotations
 
 AHEAD_S = 0.002  # a `!` waits at most this long behind what is already written
+REFILL = 0.25  # part of that which still stands when more is written: fewer wake-ups, and the line does not run dry
 BITS_PER_BYTE = 10  # start, 8 data, stop
 LEAST_BYTES = 8  # at very low baud rates still more than one byte at a time
 
@@ -22,7 +23,8 @@ class Pacer:
     def room(self, now: float, queued: int) -> int:
         """Bytes that may be written now. queued: what the operating system says it holds."""
         self._advance(now)
-        return int(self.ahead_bytes - max(self._standing, queued))
+        self._standing = max(self._standing, queued)
+        return int(self.ahead_bytes - self._standing)
 
     def wrote(self, count: int) -> None:
         """`count` bytes were written just now."""
@@ -32,10 +34,10 @@ class Pacer:
         """The output queue was discarded."""
         self._standing = 0.0
 
-    def wait_s(self, now: float, queued: int) -> float:
-        """Seconds until half of the queue has gone, when it is worth writing again."""
+    def wait_s(self, now: float) -> float:
+        """Seconds until it is worth writing again."""
         self._advance(now)
-        return max(0.0, (max(self._standing, queued) - self.ahead_bytes / 2) / self.bytes_per_s)
+        return max(0.0, (self._standing - self.ahead_bytes * REFILL) / self.bytes_per_s)
 
     def _advance(self, now: float) -> None:
         self._standing = max(0.0, self._standing - (now - self._at) * self.bytes_per_s)

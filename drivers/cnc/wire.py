@@ -54,7 +54,7 @@ class Wire:
         """Seconds until it is worth writing again."""
         if self._urgent:
             return 0.0
-        return self._pacer.wait_s(self._clock.now(), self._port.queued())
+        return self._pacer.wait_s(self._clock.now())
 
     def _flush_urgent(self) -> bool:
         count = self._port.write(self._urgent)
