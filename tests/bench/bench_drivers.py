@@ -154,7 +154,10 @@ def run() -> list[Table]:
     """Both tables."""
     columns = ["baud", "rx bytes", "lines/s", "link use %", "CPU µs/line", "hold p50 ms", "hold p99 ms", "executed", "overflowed"]
     rows = [streaming(rx, baud) for rx, baud in ((128, BAUD), (254, BAUD), (1024, BAUD), (1024, 3_000_000))]
-    note = f"{LINES} five-axis lines over a pty; the far end is another process that takes bytes at the baud rate. Hold: from the call to the byte leaving the line."
+    note = (
+        f"{LINES} five-axis lines over a pty; the far end is another process that takes bytes at the baud rate. "
+        "Hold: from the call to the byte leaving the line."
+    )
     modbus = [asyncio.run(cycles(wire)) for wire in ("tcp", "rtu")]
     return [
         Table("Streaming to the CNC", columns, rows, note),
@@ -162,6 +165,7 @@ def run() -> list[Table]:
             "Modbus cycle",
             ["wire", "cycle p50 ms", "cycle p99 ms", "6 registers p50 ms", "6 registers p99 ms"],
             modbus,
-            f"{CYCLES} cycles of the generic laser against a server in the same process; RTU over a pty without baud rate, with the 1.75 ms gap between frames.",
+            f"{CYCLES} cycles of the generic laser against a server in the same process; "
+            "RTU over a pty without baud rate, with the 1.75 ms gap between frames.",
         ),
     ]

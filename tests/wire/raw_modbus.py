@@ -93,9 +93,9 @@ class RawModbus:
         self.devices = {number: Registers() for number in ids}
         self.port = 0
         self.path = ""
-        self.connections = 0
         self._server: asyncio.Server | None = None
         self._writers: set[asyncio.StreamWriter] = set()
+        self._conversations: set[asyncio.Task[None]] = set()
         self._fds: tuple[int, int] | None = None
         self._frame = bytearray()
         self._later: set[asyncio.TimerHandle] = set()
@@ -119,6 +119,7 @@ class RawModbus:
             self._server.close()
             for writer in list(self._writers):
                 writer.close()
+            await asyncio.gather(*self._conversations)
             await self._server.wait_closed()
             self._server = None
         self.close_line()
@@ -131,7 +132,9 @@ class RawModbus:
             self._fds = None
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.connections += 1
+        task = asyncio.current_task()
+        assert task is not None
+        self._conversations.add(task)
         self._writers.add(writer)
         try:
             while True:
@@ -145,6 +148,7 @@ class RawModbus:
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
         finally:
+            self._conversations.discard(task)
             self._writers.discard(writer)
             writer.close()
 

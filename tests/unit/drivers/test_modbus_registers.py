@@ -45,7 +45,7 @@ def test_round_trip_is_within_half_a_step(value: float, kind: str, order: str) -
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0, 65536.0])
 def test_value_that_does_not_fit_its_type_is_refused(value: float) -> None:
-    with pytest.raises(ValueError, match="fit|finite"):
+    with pytest.raises(ValueError, match=r"fit|finite"):
         encode(register(), value)
 
 
