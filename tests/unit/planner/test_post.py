@@ -276,6 +276,23 @@ def test_a_noisy_axis_at_the_pole_does_not_turn_the_table(trunnion: Cell) -> Non
     assert np.ptp(program.table["joints_end"][:, 4]) < 1e-9
 
 
+def test_a_tilt_that_cannot_change_sign_turns_the_table_at_the_pole_instead(trunnion: Cell) -> None:
+    axes = tuple(axis.model_copy(update={"min": -0.01}) if axis.letter == "A" else axis for axis in trunnion.axes)
+    cell = trunnion.model_copy(update={"axes": axes})
+    tip = link((0.0, -15.0, 2.0), (0.0, 15.0, 2.0)).tip
+    lean = np.deg2rad(np.linspace(-10.0, 10.0, 41))
+    vectors = np.column_stack([np.zeros(41), np.sin(lean), np.cos(lean)])
+    axis = type(tip)(1, np.concatenate([[0.0], np.linspace(0.0, 1.0, 41), [1.0]]), vectors)
+    item = Pass(tip, axis, np.array([[0.0, 8.0, 0.0, 0.0, 0.0]]))
+    operation = Operation(Process.MILL_SIDE, 0, (item,), cutter_diameter_mm=8.0, spindle_rpm=3000.0)
+    program, report = post_with_report(plan_of([operation]), cell)
+    process = program.table[program.table["kind"] == LineKind.PROCESS]
+    assert report.reread.max_tip_mm <= cell.chord_tolerance_mm and report.reread.max_axis_deg <= cell.axis_tolerance_deg
+    assert process["joints_end"][:, 3].min() >= -0.01 and np.ptp(process["joints_end"][:, 4]) == pytest.approx(
+        180.0, abs=1.0
+    )
+
+
 def test_a_damaged_text_is_seen_by_the_reread(trunnion: Cell, hybrid: Program) -> None:
     lines = list(hybrid.lines)
     row = next(k for k, line in enumerate(lines) if k > 30 and re.search(r"X-?\d+\.\d+Y", line))
