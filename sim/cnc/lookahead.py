@@ -29,7 +29,8 @@ PIECE_COLUMNS = TO + AXES_MAX
 
 LENGTH_MIN = 1e-6  # mm or deg; shorter moves are none
 ROTARY_PIECE_DEG = 1.0  # a straight joint move bends the tip's path: 4 um at 100 mm radius per degree
-TIME_EPS = 1e-12
+TIME_EPS = 1e-12  # s
+PLACE_EPS = 1e-9  # mm or deg: a place nearer to the end of a block is the end
 
 
 @njit(cache=True)
@@ -162,7 +163,7 @@ def next_phase(
         end = np.sqrt(max(v * v - 2.0 * a * room, 0.0))
         return -a, min((v - end) / a, 2.0 * room / (v + end))
     brake = (v * v - exit_speed * exit_speed) / (2.0 * a)
-    if v > exit_speed and brake >= room * (1.0 - 1e-9):
+    if v > exit_speed and brake >= room - PLACE_EPS:
         end = max(np.sqrt(max(v * v - 2.0 * a * room, 0.0)), exit_speed)
         duration = 2.0 * room / (v + end)
         return (end - v) / duration, duration
@@ -226,7 +227,7 @@ def advance(
             state[IS_STARTED] = 1.0
             state[OUTPUTS] = float((int(state[OUTPUTS]) | int(block[SET_MASK])) & ~int(block[CLEAR_MASK]))
         room = block[LENGTH] - state[DISTANCE]
-        if room > 1e-9:
+        if room > PLACE_EPS:
             exit_speed = blocks[(head + 1) % blocks.shape[0]][ENTRY] if state[COUNT] > 1 else 0.0
             nominal = nominal_speed(block, feed_override, rapid_override)
             a, duration = next_phase(state[SPEED], block[ACCELERATION], room, nominal, exit_speed, braking)
@@ -237,7 +238,7 @@ def advance(
             left -= taken
             if braking and taken == duration and a * duration + 1e-12 >= -state[SPEED] and state[SPEED] < 1e-9:
                 state[SPEED] = 0.0
-        if block[LENGTH] - state[DISTANCE] <= 1e-9:
+        if block[LENGTH] - state[DISTANCE] <= PLACE_EPS:
             state[HEAD] = float((head + 1) % blocks.shape[0])
             state[COUNT] -= 1
             state[DISTANCE] = state[IS_STARTED] = 0.0

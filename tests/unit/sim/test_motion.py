@@ -77,6 +77,24 @@ def test_a_reversal_comes_to_a_standstill() -> None:
     assert pieces[turn, la.PIECE_SPEED] == pytest.approx(0.0, abs=STILL)
 
 
+speeds = st.floats(0.01, 250.0)
+
+
+@given(speeds, speeds, st.floats(1.0, 2000.0), st.floats(1e-9, 50.0), st.floats(-1e-6, 1e-6))
+def test_a_block_is_left_after_a_few_phases_whatever_the_speeds(
+    nominal: float, exit_speed: float, acceleration: float, room: float, off: float
+) -> None:
+    exit_speed = min(exit_speed, nominal)
+    v = max(math.sqrt(exit_speed**2 + 2 * acceleration * room) * (1.0 + off), 0.0)
+    for _ in range(8):
+        if room <= la.PLACE_EPS:
+            break
+        a, duration = la.next_phase(v, acceleration, room, nominal, exit_speed, False)
+        room -= v * duration + 0.5 * a * duration**2
+        v = max(v + a * duration, 0.0)
+    assert room <= la.PLACE_EPS
+
+
 points = st.lists(
     st.tuples(*(st.floats(-50, 50) for _ in range(3)), *(st.floats(-30, 30) for _ in range(2))), min_size=2, max_size=25
 )
