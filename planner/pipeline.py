@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
+import shapely
 import tomli_w
 from numpy.typing import NDArray
+from shapely import MultiPolygon
 
 from planner.decompose.direction import best_direction
 from planner.errors import PlanningError, RecipeError
@@ -26,6 +28,10 @@ from planner.toolpath.roughing import carve, stock_of
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
+TOP_RESERVE = 0.35
+"""Of the layer's height, deposited more where a top is finished: the valleys between tracks, which a next layer would
+fill, must lie above the plane to which the top is faced."""
+TOP_SHARE = 0.02  # of a layer's top; smaller free rims belong to leaning walls
 _OVERHANG_WORTH_MM2 = 0.5  # smaller unsupported areas are the rounding of sections
 
 
@@ -113,9 +119,13 @@ def recipe_text(recipe: Recipe) -> str:
 
 def layer_beads(regions: list[LayerRegion], settings: Settings) -> list[Bead]:
     """The bead of each layer. Raises RecipeError if no bead fills one, or if only milling could bring one down."""
-    beads = [settings.bead_for(region.height_mm) for region in regions]
     if settings.is_milled:
-        return beads
+        lowers = [*(region.areas[0] for region in regions[1:]), MultiPolygon()]
+        return [
+            settings.bead_for(region.height_mm, TOP_RESERVE if _has_top(region, above) else 0.0)
+            for region, above in zip(regions, lowers, strict=True)
+        ]
+    beads = [settings.bead_for(region.height_mm) for region in regions]
     for region, bead in zip(regions, beads, strict=True):
         most = region.height_mm * (1.0 + settings.overbuild) * 1.05
         if bead.height_mm > most:
@@ -125,6 +135,11 @@ def layer_beads(regions: list[LayerRegion], settings: Settings) -> list[Bead]:
                 "choose higher layers, less powder or process = hybrid",
             )
     return beads
+
+
+def _has_top(region: LayerRegion, above: MultiPolygon) -> bool:
+    """Whether part of a layer's top is a finished face: nothing of the next layer stands on it."""
+    return bool(shapely.difference(region.areas[2], above).area > TOP_SHARE * region.areas[2].area)
 
 
 def _body_and_findings(mesh: object) -> tuple[Mesh, list[str]]:

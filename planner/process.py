@@ -110,14 +110,14 @@ class Settings:
             mill_every_mm=recipe.mill_every_mm or mill.axial_depth_mm,
         )
 
-    def bead_for(self, layer_mm: float) -> Bead:
-        """The bead whose layer is (1 + overbuild) times the layer's height, by speed, then powder, then power.
+    def bead_for(self, layer_mm: float, reserve: float = 0.0) -> Bead:
+        """The bead whose layer is (1 + overbuild + reserve) times the layer's height, by speed, then powder, then power.
 
         What the recipe fixes stays. Where the window has no such bead, the nearest that is not too low.
         Raises RecipeError if no bead of the window fills the layer.
         """
         facts, recipe, law = self.material.deposition, self.recipe, self.material.bead
-        wanted = layer_mm * (1.0 + self.overbuild)
+        wanted = layer_mm * (1.0 + self.overbuild + reserve)
         bead = self._bead(
             _either(recipe.speed_mm_s, facts.speed_mm_s.usual),
             _either(recipe.powder_g_min, facts.powder_g_min.usual),

@@ -69,7 +69,7 @@ def _middle_lines(piece: Polygon, width_mm: float) -> tuple[list[Floats], list[b
     left = np.ones(len(ends), dtype=bool)
     for _ in range(_MOST_ARMS):
         path, is_loop = _longest(points, ends[left], lengths[left])
-        line = points[path]
+        line = points[path] if is_loop else _without_forks(points[path], piece)
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         if length < max(_LEAST_LENGTH * width_mm, 2.0 * piece.area / piece.length):
             break
@@ -133,6 +133,18 @@ def _walk(before: Ints, start: int, end: int) -> Ints:
     while way[-1] != start:
         way.append(int(before[way[-1]]))
     return np.array(way[::-1], dtype=np.int64)
+
+
+def _without_forks(line: Floats, piece: Polygon) -> Floats:
+    """The line without its ends that run into corners: there the way to the outline shrinks faster than half the step."""
+    clear = np.asarray(shapely.distance(piece.boundary, shapely.points(line)))
+    for _ in range(2):
+        line, clear = line[::-1], clear[::-1]
+        run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        steep = np.flatnonzero(clear - clear[0] > 0.5 * run)
+        if len(steep) and steep[-1] < len(line) - 2:
+            line, clear = line[steep[-1] :], clear[steep[-1] :]
+    return line
 
 
 def _smoothed(line: Floats, is_loop: bool) -> Floats:

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 
 PATH_TOLERANCE_MM = 2e-3  # of toolpaths from the exact offset: a fifth of the machine's chord tolerance
 _GOLDEN = 0.5 * (3.0 - 5.0**0.5)  # share of a turn by which the start moves from layer to layer: never near an earlier one
+_START_SAMPLES = 180  # round a loop: two degrees are near enough to spread starts
 _OVERLAP = 0.15  # of the bead's width by which a closed bead runs past its start
 
 
@@ -43,10 +44,17 @@ def contour_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settin
     for number in range(settings.recipe.contours):
         centre = inset(grown, 0.5 * bead.width_mm + number * bead.step_mm)
         for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
-            turn = (_GOLDEN * (layer + number)) % 1.0
             loop = lifted(ring.curve, z)
-            passes.append(closed_bead(loop.started_at(turn * loop.length), bead, settings))
+            start = (_rightmost(loop) / loop.length + _GOLDEN * (layer + number)) % 1.0
+            passes.append(closed_bead(loop.started_at(start * loop.length), bead, settings))
     return passes
+
+
+def _rightmost(loop: Motion) -> float:
+    """Arc length of the loop's point with the largest x: where starts are counted from, whatever the curve's own start."""
+    arcs = np.linspace(0.0, loop.length, _START_SAMPLES, endpoint=False)
+    points = loop.tip.evaluate(loop.tip.at_arc_length(arcs))
+    return float(arcs[int(np.argmax(np.round(points[:, 0], 3)))])
 
 
 def closed_bead(loop: Motion, bead: Bead, settings: Settings) -> Pass:

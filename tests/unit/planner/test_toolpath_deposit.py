@@ -1,0 +1,168 @@
+"""Deposited layers: beads cover what they shall, no more, with the metal that it takes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from planner.nurbs.offset import outset
+from planner.pipeline import plan
+from planner.plan import Layer, Plan, Process
+from planner.process import Settings
+from planner.recipe import Recipe
+from planner.slicing.layers import layer_levels
+from planner.slicing.regions import layer_regions
+from planner.toolpath.centreline import thin_parts
+from planner.toolpath.contour import edge_mm
+from tests.unit.planner.small_parts import box, frustum, lit_points, tube
+
+QUICK = Recipe(layer_height_mm=0.8)
+
+
+@pytest.fixture(scope="module")
+def ring() -> Plan:
+    return plan(tube(8.0, 15.0, 4.0), QUICK)
+
+
+def footprint(layer: Layer) -> shapely.Geometry:
+    """What the beads of a layer cover."""
+    beads = [
+        shapely.LineString(lit_points(step)[:, :2]).buffer(0.5 * operation.bead_width_mm, quad_segs=16)
+        for operation in layer.operations
+        if operation.process.is_deposit
+        for step in operation.passes
+        if not step.is_link
+    ]
+    return shapely.union_all(beads)
+
+
+def wanted(layer: Layer, settings: Settings) -> MultiPolygon:
+    """The layer's outline with allowance and edge strip, from its contours."""
+    rings = [shapely.LinearRing(c.curve.evaluate(c.curve.sample(0.002))[:-1, :2]) for c in layer.contours]
+    region = rings[0].buffer(0).union(Polygon(rings[0]))
+    for contour, loop in zip(layer.contours[1:], rings[1:], strict=True):
+        region = region.difference(Polygon(loop)) if contour.is_hole else region.union(Polygon(loop))
+    bead = settings.bead_for(float(layer.top[2] - layer.bottom[2]))
+    return outset(region, settings.allowance_mm + edge_mm(bead, settings))
+
+
+@pytest.mark.parametrize("process", ["hybrid", "deposit"])
+@pytest.mark.parametrize("shape", ["ring", "box", "frustum"])
+def test_beads_cover_the_grown_region_with_less_than_one_percent_void_and_stay_in_it(process: str, shape: str) -> None:
+    mesh = {"ring": tube(8.0, 15.0, 1.6), "box": box(30.0, 22.0, 1.6), "frustum": frustum(15.0, 14.0, 1.6)}[shape]
+    recipe = QUICK.model_copy(update={"process": process})
+    settings = Settings.from_recipe(recipe)
+    for layer in plan(mesh, recipe).layers:
+        grown, covered = wanted(layer, settings), footprint(layer)
+        assert shapely.difference(grown, covered).area < 0.01 * grown.area
+        assert shapely.difference(covered, outset(grown, 0.02)).area < 1e-3 * grown.area
+
+
+def test_metal_on_the_passes_is_the_metal_that_the_layers_take(ring: Plan) -> None:
+    settings = Settings.from_recipe(QUICK)
+    bead = settings.bead_for(0.8)
+    laid = 0.0
+    for operation in ring.operations:
+        if operation.process.is_deposit:
+            for step in operation.passes:
+                ends = np.append(step.setpoints[1:, 0], step.tip.length)
+                laid += float(((ends - step.setpoints[:, 0]) * (step.setpoints[:, 2] > 0.0)).sum()) * bead.area_mm2
+    assert laid == pytest.approx(ring.volumes_mm3["deposited"], rel=0.02)
+
+
+def test_laser_is_off_on_links_leads_and_milling(ring: Plan) -> None:
+    for operation in ring.operations:
+        for step in operation.passes:
+            power = step.setpoints[:, 2]
+            if step.is_link or not operation.process.is_deposit:
+                assert not power.any()
+            else:
+                assert power[0] == 0.0 and power[-1] == 0.0 and (power > 0.0).any()
+                assert step.setpoints[1, 0] == pytest.approx(2.0)
+            assert (np.diff(step.setpoints[:, 0]) > 0.0).all() and step.setpoints[0, 0] == 0.0
+            assert step.setpoints[-1, 0] < step.tip.length
+
+
+def test_lead_in_runs_along_the_bead_it_leads_into(ring: Plan) -> None:
+    for operation in ring.layers[0].operations:
+        for step in operation.passes:
+            if step.is_link or not operation.process.is_deposit:
+                continue
+            u = step.tip.at_arc_length([1.0, 1.999, 2.001])
+            directions = step.tip.derivatives(u, 1)[1]
+            directions /= np.linalg.norm(directions, axis=1)[:, None]
+            assert directions[1] @ directions[2] > np.cos(np.radians(1.0))
+
+
+def test_contours_start_elsewhere_in_every_layer(ring: Plan) -> None:
+    angles = []
+    for layer in ring.layers:
+        first = next(s for s in layer.operations[0].passes if not s.is_link)
+        start = lit_points(first)[0]
+        angles.append(np.arctan2(start[1], start[0]))
+    gaps = np.abs((np.subtract.outer(angles, angles) + np.pi) % (2 * np.pi) - np.pi)
+    assert gaps[~np.eye(len(angles), dtype=bool)].min() > np.radians(20.0)
+
+
+def test_hatch_turns_by_the_recipes_angle_from_layer_to_layer(ring: Plan) -> None:
+    headings = []
+    for layer in ring.layers[:3]:
+        fill = next(op for op in layer.operations if op.process is Process.DEPOSIT_FILL)
+        points = lit_points(next(s for s in fill.passes if not s.is_link))
+        headings.append(np.degrees(np.arctan2(*(points[-1] - points[0])[[1, 0]])))
+    assert np.allclose(np.diff(headings) % 180.0, 67.0, atol=1e-6)
+
+
+def test_first_deposition_of_a_layer_waits_for_the_interpass_time(ring: Plan) -> None:
+    for layer in ring.layers:
+        waits = [operation.interpass_s for operation in layer.operations]
+        assert waits[0] == Settings.from_recipe(QUICK).interpass_s and not any(waits[1:])
+
+
+def test_wall_thinner_than_a_bead_gets_one_bead_along_its_middle() -> None:
+    made = plan(tube(8.5, 10.0, 1.6), Recipe(process="deposit", layer_height_mm=0.8))
+    for layer in made.layers:
+        work = [s for op in layer.operations for s in op.passes if not s.is_link]
+        assert len(work) == 1
+        radii = np.linalg.norm(lit_points(work[0])[:, :2], axis=1)
+        assert np.abs(radii - 9.25).max() < 0.05
+
+
+def test_middle_of_a_strip_is_its_long_axis_and_corners_of_a_box_are_no_thin_parts() -> None:
+    strip = MultiPolygon([shapely.box(0.0, 0.0, 20.0, 1.0)])
+    parts = thin_parts(strip, 2.5)
+    assert len(parts) == 1 and parts[0].closed == (False,)
+    assert np.abs(parts[0].lines[0][:, 1] - 0.5).max() < 0.06
+    assert np.ptp(parts[0].lines[0][:, 0]) > 18.0
+    assert thin_parts(MultiPolygon([shapely.box(0.0, 0.0, 20.0, 20.0)]), 2.5) == []
+
+
+def test_fin_too_thin_for_any_bead_is_named_with_place_and_area() -> None:
+    body = shapely.union_all([shapely.box(-8, -8, 8, 8), shapely.box(8, -0.2, 16, 0.2)])
+    import trimesh
+
+    from planner.mesh.mesh import Mesh
+
+    mesh = Mesh.from_trimesh(trimesh.creation.extrude_polygon(body, 2.4))
+    findings = plan(mesh, Recipe(process="deposit", layer_height_mm=0.8)).findings
+    assert len(findings) == 1
+    assert "layers 0-2" in findings[0] and "fall away" in findings[0] and "3.2" in findings[0]
+
+
+def test_levels_meet_flat_faces_and_eq1_areas_are_those_of_the_step() -> None:
+    import trimesh
+
+    from planner.mesh.mesh import Mesh
+
+    step = trimesh.boolean.union(
+        [trimesh.creation.box(bounds=[[-10, -10, 0], [10, 10, 3]]), trimesh.creation.box(bounds=[[-6, -6, 3], [14, 6, 5]])]
+    )
+    mesh = Mesh.from_trimesh(step)
+    levels, _ = layer_levels(mesh, 0.04, 0.8, 0.8)
+    assert np.abs(levels - 3.0).min() < 1e-9
+    layers = layer_regions(mesh, levels)
+    upper = next(layer for layer in layers if abs(layer.z_bottom - 3.0) < 1e-9)
+    assert upper.overlap_mm2 == pytest.approx(16 * 12, rel=1e-9)
+    assert upper.overhang_mm2 == pytest.approx(4 * 12, rel=1e-9)
