@@ -1,0 +1,65 @@
+// Requests to the service. Whatever it refuses becomes a RequestError that carries its problem document.
+import type { Problem } from "./types";
+import { words } from "../words/en";
+
+/** A refused or failed request, in words for the operator. status 0: no answer. */
+export class RequestError extends Error {
+  constructor(
+    readonly status: number,
+    readonly problem: Problem,
+  ) {
+    super(problem.detail || problem.title);
+  }
+}
+
+async function checked(path: string, init: RequestInit): Promise<Response> {
+  let answer: Response;
+  try {
+    answer = await fetch(`/api/v1${path}`, { credentials: "same-origin", ...init });
+  } catch (error) {
+    if (error instanceof DOMException && error.name === "AbortError") throw error;
+    throw new RequestError(0, { title: words.problems.noAnswer, detail: words.problems.noAnswerDetail });
+  }
+  if (answer.ok) return answer;
+  let problem: Problem = { title: words.problems.refused(answer.status), detail: "" };
+  try {
+    problem = { ...problem, ...((await answer.json()) as Problem) };
+  } catch {
+    // no problem document: the status is all there is to say
+  }
+  throw new RequestError(answer.status, problem);
+}
+
+/** GET a JSON document. */
+export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
+  return (await (await checked(path, signal ? { signal } : {})).json()) as T;
+}
+
+/** GET bytes. */
+export async function getBytes(path: string, signal?: AbortSignal): Promise<ArrayBuffer> {
+  return (await checked(path, signal ? { signal } : {})).arrayBuffer();
+}
+
+/** POST a JSON body. The key makes a repeated request harmless. */
+export async function post<T>(path: string, body: object, idempotencyKey?: string): Promise<T> {
+  const headers: Record<string, string> = { "Content-Type": "application/json" };
+  if (idempotencyKey) headers["Idempotency-Key"] = idempotencyKey;
+  return (await (await checked(path, { method: "POST", headers, body: JSON.stringify(body) })).json()) as T;
+}
+
+/** POST a form with a file. */
+export async function postForm<T>(path: string, form: FormData, idempotencyKey: string): Promise<T> {
+  const headers = { "Idempotency-Key": idempotencyKey };
+  return (await (await checked(path, { method: "POST", headers, body: form })).json()) as T;
+}
+
+/** DELETE. */
+export async function remove(path: string): Promise<void> {
+  await checked(path, { method: "DELETE" });
+}
+
+/** A fresh name for a request or command, so that carrying it out twice is noticed. */
+export function newKey(prefix: string): string {
+  const bytes = crypto.getRandomValues(new Uint8Array(12));
+  return `${prefix}-${Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("")}`;
+}

@@ -1,0 +1,270 @@
+// What the service says: the JSON of REST and of the live feed, under the names that it uses.
+
+export interface Lines {
+  sent: number;
+  acknowledged: number;
+  executing: number;
+  executed: number;
+  total: number;
+}
+
+export interface LaserView {
+  connected: boolean;
+  age_s: number;
+  enabled: boolean;
+  permitted: boolean;
+  emitting: boolean;
+  power_setpoint_w: number;
+  power_readback_w: number;
+  faults: string[];
+  interlocks: string[];
+}
+
+export interface FeederView {
+  connected: boolean;
+  age_s: number;
+  rate_setpoint_g_min: number;
+  rate_readback_g_min: number;
+  carrier_gas_setpoint_l_min: number;
+  carrier_gas_readback_l_min: number;
+  shield_gas_setpoint_l_min: number;
+  shield_gas_readback_l_min: number;
+  hopper_fraction: number;
+  faults: string[];
+}
+
+export interface IoView {
+  connected: boolean;
+  age_s: number;
+  estop_ok: boolean;
+  door_closed: boolean;
+  chiller_ok: boolean;
+  gas_pressure_ok: boolean;
+  fume_extraction_ok: boolean;
+  head_deployed: boolean;
+  head_parked: boolean;
+}
+
+export interface CncView {
+  connected: boolean;
+  age_s: number;
+  firmware: string;
+  state: string;
+  machine: Record<string, number>;
+  work: Record<string, number>;
+  feed_mm_min: number;
+  spindle_rpm: number;
+  tool: number;
+  planner_free: number;
+  rx_free: number;
+  feed_override: number;
+}
+
+export interface Permissive {
+  name: string;
+  ok: boolean;
+  why: string;
+}
+
+export interface Alarm {
+  id: number;
+  at: number;
+  code: string;
+  cause: string;
+  remedy: string;
+}
+
+export interface JobView {
+  id: string;
+  name: string;
+  layer: number;
+  layers: number;
+  operation: number;
+  operation_kind: string;
+  progress: number;
+  elapsed_s: number;
+  remaining_s: number;
+  outcome: string;
+}
+
+export interface TickView {
+  count: number;
+  missed: number;
+  jitter_p99_ms: number;
+  scheduler: string;
+}
+
+export type Vector = [number, number, number];
+
+export interface Snapshot {
+  seq: number;
+  at: number;
+  cell: string;
+  mode: string;
+  state: string;
+  execution: string;
+  because: string;
+  waiting: string;
+  tip: Vector;
+  tool_axis: Vector;
+  tip_speed_mm_s: number;
+  lines: Lines;
+  laser: LaserView;
+  feeder: FeederView;
+  io: IoView;
+  cnc: CncView;
+  job: JobView | null;
+  permissives: Permissive[];
+  alarms: Alarm[];
+  tick: TickView;
+}
+
+export interface CellEvent {
+  seq: number;
+  at: number;
+  kind: string;
+  text: string;
+  job: string;
+  data: Record<string, unknown>;
+}
+
+export type Role = "viewer" | "operator" | "engineer" | "admin";
+
+export interface Session {
+  name: string;
+  role: Role;
+  stop_url: string;
+}
+
+export interface Finding {
+  kind: string;
+  count: number;
+  place_mm: number[] | null;
+  mended: boolean;
+  volume_change_mm3: number;
+  text: string;
+}
+
+export interface Part {
+  id: string;
+  name: string;
+  units: "mm" | "inch";
+  bytes: number;
+  bbox_mm: number[][];
+  facets: number;
+  volume_mm3: number;
+  findings: Finding[];
+}
+
+export interface Problem {
+  title: string;
+  detail: string;
+  hint?: string;
+  status?: number;
+}
+
+export interface Job {
+  id: string;
+  name: string;
+  part_id: string;
+  state: string;
+  why: string;
+  material: string;
+  cell: string;
+  recipe: Record<string, unknown>;
+  created_at: number;
+  created_by: string;
+  error: Problem | null;
+  proof: Record<string, unknown> | null;
+  stage: string;
+  progress: number;
+  layers: number;
+  lines_executed: number;
+  lines_total: number;
+  duration_s: number;
+  approved_by: string;
+  approve_because: string;
+  override_reason: string;
+  table_clear: boolean;
+  plan_sha256: string | null;
+  program_sha256: string | null;
+  proof_sha256: string | null;
+  timestamps: Record<string, number>;
+}
+
+export interface Page<T> {
+  items: T[];
+  next: string | null;
+}
+
+export interface PlanOperation {
+  index: number;
+  process: string;
+  passes: number;
+  length_mm: number;
+}
+
+export interface PlanLayer {
+  index: number;
+  z_bottom: number;
+  z_top: number;
+  operations: PlanOperation[];
+}
+
+export interface Plan {
+  part: string;
+  layers: PlanLayer[];
+  bounds: number[][];
+  build_from_part: number[][];
+  tolerance_mm: number;
+  findings: string[];
+  volumes: Record<string, number>;
+}
+
+export interface PassView {
+  link: boolean;
+  laser_w: number;
+  feed_mm_s: number;
+  points: number[];
+}
+
+export interface LayerView {
+  index: number;
+  z_bottom: number;
+  z_top: number;
+  operations: { index: number; process: string; note: string; passes: PassView[] }[];
+}
+
+export interface ProofFinding {
+  kind: string;
+  text: string;
+  line: number;
+  layer: number;
+  operation: number;
+  count: number;
+}
+
+export interface ProofDocument {
+  passed: boolean;
+  reasons: string[];
+  findings: ProofFinding[];
+}
+
+export interface Tool {
+  number: number;
+  name: string;
+  kind: string;
+  diameter_mm: number;
+  holder_diameter_mm: number;
+  flute_length_mm?: number | null;
+}
+
+export interface CellFacts {
+  axes: { letter: string; kind: "linear" | "rotary"; min: number; max: number }[];
+  tools: Tool[];
+}
+
+export type LiveMessage =
+  | { type: "snapshot"; snapshot: Snapshot }
+  | { type: "event"; event: CellEvent }
+  | { type: "job"; job: Job };

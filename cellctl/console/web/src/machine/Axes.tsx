@@ -1,0 +1,56 @@
+// Axes in machine and work coordinates, and homing.
+import { command, isStale, pending, snapshot } from "../state/cell";
+import { facts } from "../state/plan";
+import { isOperator } from "../state/session";
+import { words } from "../words/en";
+import { fixed } from "../words/format";
+
+const say = words.machine;
+
+export function Axes() {
+  const cnc = snapshot.value?.cnc;
+  const letters = facts.value?.axes.map((axis) => axis.letter) ?? Object.keys(cnc?.machine ?? {});
+  const unit = (letter: string) => (facts.value?.axes.find((axis) => axis.letter === letter)?.kind === "rotary" ? "°" : "mm");
+  return (
+    <section class="panel axes">
+      <h2>{say.axes}</h2>
+      <table>
+        <thead>
+          <tr>
+            <th />
+            <th>{say.machinePosition}</th>
+            <th>{say.workPosition}</th>
+            <th />
+          </tr>
+        </thead>
+        <tbody>
+          {letters.map((letter) => (
+            <tr key={letter}>
+              <th scope="row">{letter}</th>
+              <td class="number">{fixed(cnc?.machine[letter], 3)}</td>
+              <td class="number strong">{fixed(cnc?.work[letter], 3)}</td>
+              <td class="unit">{unit(letter)}</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+      <Homing />
+    </section>
+  );
+}
+
+function Homing() {
+  const state = snapshot.value?.state ?? "";
+  if (state !== "UNHOMED" && state !== "HOMING") return null;
+  const off = !isOperator.value || isStale.value || state === "HOMING";
+  return (
+    <div class="row">
+      <button type="button" class="control" disabled={off || pending.value.has("home")} onClick={() => void command("home", say.homeBecause)}>
+        {say.home}
+      </button>
+      <button type="button" class="control" disabled={off || pending.value.has("unlock")} onClick={() => void command("unlock", say.unlockBecause)}>
+        {say.unlock}
+      </button>
+    </div>
+  );
+}

@@ -1,0 +1,95 @@
+// Conditions for the laser, interlocks, the age of every device's readings, and the safety tick.
+import type { IoView, Permissive, Snapshot } from "../api/types";
+import { dataAge, snapshot, STALE_S } from "../state/cell";
+import { words } from "../words/en";
+import { age } from "../words/format";
+
+const say = words.machine;
+const NEVER_S = 1e8;
+const HEAD = new Set(["head_deployed", "head_parked"]); // positions, neither good nor bad
+
+export function Conditions() {
+  const now = snapshot.value;
+  if (!now) return null;
+  return (
+    <>
+      <section class="panel">
+        <PermissivesHead all={now.permissives} />
+        <ul class="conditions">
+          {now.permissives.map((one) => (
+            <Condition key={one.name} ok={one.ok} label={words.permissive[one.name] ?? one.name} why={one.why} />
+          ))}
+        </ul>
+      </section>
+      <section class="panel">
+        <h2>{say.interlocks}</h2>
+        <ul class="conditions">
+          {Object.entries(words.interlock).map(([name, texts]) => (
+            <Interlock key={name} io={now.io} name={name as keyof IoView} texts={texts} />
+          ))}
+        </ul>
+        <Ages now={now} />
+      </section>
+    </>
+  );
+}
+
+function PermissivesHead({ all }: { all: Permissive[] }) {
+  const missing = all.filter((one) => !one.ok).length;
+  return (
+    <div class="panel-head">
+      <h2>{say.permissives}</h2>
+      <span class="muted">{all.length > 0 && (missing === 0 ? say.allMet : say.missing(missing))}</span>
+    </div>
+  );
+}
+
+function Condition({ ok, label, why }: { ok: boolean; label: string; why: string }) {
+  return (
+    <li class={ok ? "ok" : "not-ok"} title={why}>
+      <i aria-hidden="true">{ok ? "✓" : "✕"}</i>
+      <span>
+        {label}
+        <span class="hidden-word"> {ok ? words.ok : words.notOk}</span>
+        {!ok && why && <small>{why}</small>}
+      </span>
+    </li>
+  );
+}
+
+function Interlock({ io, name, texts }: { io: IoView; name: keyof IoView; texts: [string, string] }) {
+  const is = Boolean(io[name]);
+  if (HEAD.has(name)) {
+    return (
+      <li class={is ? "neutral is" : "neutral"}>
+        <i aria-hidden="true">{is ? "●" : "○"}</i>
+        <span>{texts[is ? 0 : 1]}</span>
+      </li>
+    );
+  }
+  return <Condition ok={is && io.connected} label={texts[is ? 0 : 1]} why="" />;
+}
+
+function Ages({ now }: { now: Snapshot }) {
+  const devices = { laser: now.laser, feeder: now.feeder, io: now.io, cnc: now.cnc };
+  const { tick } = now;
+  return (
+    <dl class="ages" aria-label={say.deviceAges}>
+      {(Object.keys(devices) as (keyof typeof devices)[]).map((name) => {
+        const { connected, age_s } = devices[name];
+        const total = age_s + dataAge.value;
+        const text = age_s > NEVER_S ? say.never : !connected ? say.gone : say.age(age(total));
+        return (
+          <div key={name} class={!connected || total > STALE_S ? "old" : ""}>
+            <dt>{say.devices[name]}</dt>
+            <dd>{text}</dd>
+          </div>
+        );
+      })}
+      <div>
+        <dt>{say.tick}</dt>
+        <dd>{say.tickText(tick.jitter_p99_ms, tick.missed, tick.scheduler)}</dd>
+      </div>
+    </dl>
+  );
+}

@@ -1,0 +1,19 @@
+// Everything that the machine says about itself, on one page.
+import { isStale } from "../state/cell";
+import { Axes } from "./Axes";
+import { Conditions } from "./Conditions";
+import { Cnc } from "./Cnc";
+import { Process } from "./Process";
+
+export function Machine() {
+  return (
+    <div class={`machine ${isStale.value ? "is-stale" : ""}`}>
+      <Process />
+      <div class="columns">
+        <Axes />
+        <Cnc />
+      </div>
+      <Conditions />
+    </div>
+  );
+}

@@ -1,0 +1,58 @@
+// What each state of the cell means for the person before it: a tone, a sign, and what comes next.
+import { computed } from "@preact/signals";
+import { words } from "../words/en";
+import { snapshot } from "./cell";
+import { waiting } from "./jobs";
+import { operations, plan } from "./plan";
+
+export type Tone = "run" | "wait" | "hold" | "fault" | "rest" | "off";
+
+/** Tone of each state; the sign goes with the tone, so that nothing is told by colour alone. */
+const TONES: Record<string, Tone> = {
+  OFFLINE: "off",
+  UNHOMED: "hold",
+  IDLE: "rest",
+  HOMING: "wait",
+  JOGGING: "wait",
+  PREPARING: "wait",
+  RUNNING: "run",
+  HOLDING: "hold",
+  HELD: "hold",
+  RESUMING: "wait",
+  ABORTING: "fault",
+  FAULT: "fault",
+  STOPPED: "fault",
+  RESETTING: "wait",
+};
+
+export const tone = computed<Tone>(() => TONES[snapshot.value?.state ?? ""] ?? "off");
+export const isLatched = computed(() => ["FAULT", "STOPPED"].includes(snapshot.value?.state ?? ""));
+
+/** Why the cell is in this state: the first alarm, what it waits for, or who said so. */
+export const cause = computed(() => {
+  const now = snapshot.value;
+  if (!now) return words.noDataWhy;
+  return now.alarms[0]?.cause || now.waiting || now.because;
+});
+
+/** What comes next, in words. */
+export const next = computed(() => {
+  const now = snapshot.value;
+  const say = words.next;
+  if (!now) return "";
+  if (now.state === "IDLE") {
+    const { table, approval } = waiting.value;
+    return table ? say.idleQueued(table.name) : approval ? say.idleWaiting(approval.name) : say.IDLE;
+  }
+  if (now.state === "RUNNING" || now.state === "PREPARING") return nextOperation();
+  const fixed = (say as Record<string, unknown>)[now.state];
+  return typeof fixed === "string" ? fixed : "";
+});
+
+function nextOperation(): string {
+  const job = snapshot.value?.job;
+  const all = operations.value;
+  if (!job || job.id !== plan.value?.job || all.length === 0) return words.next.goesOn;
+  const following = all[job.operation + 1];
+  return following ? words.next.RUNNING(words.operation(following.process), following.layer + 1) : words.next.lastOperation;
+}
