@@ -62,8 +62,9 @@ class Bench:
 
 
 @contextlib.asynccontextmanager
-async def bench_of(cell: str, run_dir: Path, time_scale: float = 5.0) -> AsyncIterator[Bench]:
+async def bench_of(cell: str, run_dir: Path, time_scale: float = 5.0, **cnc: object) -> AsyncIterator[Bench]:
     facts = load_cell(cell)
+    facts = facts.model_copy(update={"cnc": facts.cnc.model_copy(update=cnc)})
     links = {role: link.model_copy(update={"tcp_port": 0}) for role, link in facts.links.items()}
     server = SimServer(facts.model_copy(update={"links": links}), run_dir, time_scale=time_scale)
     await server.start()
@@ -210,7 +211,8 @@ async def test_line_counts_follow_the_machine_and_not_the_answers(tmp_path: Path
         cnc.load(lines(300))
         cnc.release(302)
         for _ in range(4):
-            await bench.until(lambda: False if cnc.status is None else time.monotonic() - cnc.status.at < 0.002)
+            last = cnc.status
+            await bench.until(lambda: cnc.status is not last and cnc.counts.executing > 0)  # noqa: B023
             counts, truth = cnc.counts, bench.world.cnc.machine.motion.line
             assert counts.executed <= truth <= counts.acknowledged + 1
             assert counts.acknowledged - counts.executed > 5 or counts.sent < 20
@@ -222,3 +224,91 @@ async def test_line_counts_follow_the_machine_and_not_the_answers(tmp_path: Path
         cnc.hold()
         await bench.until(lambda: cnc.status is not None and cnc.status.is_held)
         await cnc.soft_reset()
+
+
+async def test_grbl_is_identified_and_streamed_through_its_small_buffer(tmp_path: Path) -> None:
+    async with bench_of("trunnion_tcp", tmp_path, firmware="grbl", line_length_max=79) as bench:
+        await bench.ready()
+        cnc = bench.drivers.cnc
+        assert cnc.identity is not None and cnc.identity.firmware == "grbl" and cnc.identity.window_bytes < 128
+        program = lines(80)
+        cnc.load(program)
+        cnc.release(len(program))
+        await bench.until(lambda: cnc.is_drained)
+        assert cnc.counts.executed == len(program)
+        assert not [event for event in bench.events if isinstance(event, (LineRejected, ProtocolFault, AnswerOverdue))]
+
+
+@pytest.mark.parametrize("fault", ["lost_ok", "serial_garble"])
+async def test_lost_or_damaged_ok_ends_in_an_overdue_answer_and_not_in_waiting_for_ever(fault: str, tmp_path: Path) -> None:
+    async with bench_of("trunnion_tcp", tmp_path, answer_timeout_s=0.4) as bench:
+        await bench.ready()
+        cnc = bench.drivers.cnc
+        cnc.load(lines(30))
+        cnc.release(32)
+        bench.world.faults.add(fault)
+        await bench.until(lambda: any(isinstance(event, AnswerOverdue) for event in bench.events))
+        assert not cnc.is_drained and "no answer" in cnc.is_halted
+        await cnc.abort()
+        cnc.load(lines(3))
+        cnc.release(5)
+        await bench.until(lambda: cnc.is_drained)
+
+
+async def test_doubled_ok_is_found_and_stops_the_stream(tmp_path: Path) -> None:
+    async with bench_of("trunnion_tcp", tmp_path) as bench:
+        await bench.ready()
+        cnc = bench.drivers.cnc
+        cnc.load(lines(30))
+        cnc.release(32)
+        bench.world.faults.add("doubled_ok")
+        await bench.until(lambda: any(isinstance(event, ProtocolFault) and not event.garbled for event in bench.events))
+        assert "to nothing" in cnc.is_halted
+
+
+async def test_alarm_while_streaming_is_told_with_cause_and_remedy_and_nothing_more_is_sent(tmp_path: Path) -> None:
+    async with bench_of("trunnion_tcp", tmp_path, time_scale=1.0) as bench:
+        await bench.ready()
+        cnc = bench.drivers.cnc
+        cnc.load(lines(400))
+        cnc.release(402)
+        await bench.until(lambda: cnc.counts.executing > 3)
+        bench.world.faults.add("alarm 1")
+        await bench.until(lambda: any(isinstance(event, AlarmRaised) for event in bench.events))
+        alarm = next(event for event in bench.events if isinstance(event, AlarmRaised))
+        assert alarm.code == 1 and "limit switch" in alarm.cause and "home" in alarm.remedy
+        sent = cnc.counts.sent
+        await bench.until(lambda: cnc.status is not None and cnc.status.state == "Alarm")
+        assert cnc.counts.sent <= sent + 1 and cnc.is_halted
+
+
+async def test_silent_serial_line_is_seen_by_the_age_of_the_status(tmp_path: Path) -> None:
+    async with bench_of("trunnion_tcp", tmp_path) as bench:
+        await bench.ready()
+        cnc = bench.drivers.cnc
+        bench.world.faults.add("serial_silent")
+        await bench.until(lambda: cnc.status is not None and cnc.clock.now() - cnc.status.at > 0.5)
+        bench.world.faults.add("serial_ok")
+        await bench.until(lambda: cnc.status is not None and cnc.clock.now() - cnc.status.at < 0.2)
+
+
+async def test_feed_override_is_reported_back_by_the_controller(tmp_path: Path) -> None:
+    async with bench_of("trunnion_tcp", tmp_path) as bench:
+        await bench.ready()
+        cnc = bench.drivers.cnc
+        cnc.feed_override(63)
+        await bench.until(lambda: cnc.status is not None and cnc.status.overrides[0] == 63)
+
+
+async def test_offsets_settings_and_jog_are_answered(tmp_path: Path) -> None:
+    async with bench_of("trunnion_tcp", tmp_path) as bench:
+        await bench.ready()
+        cnc = bench.drivers.cnc
+        assert (await cnc.work_offset())["Z"] == pytest.approx(-420.0)
+        assert (await cnc.settings())["32"] == "0"
+        assert cnc.status is not None
+        before = cnc.status.machine["X"]
+        await cnc.jog("X", 5.0, 3000.0)
+        await bench.until(lambda: cnc.status is not None and cnc.status.machine["X"] == pytest.approx(before + 5.0, abs=1e-3))
+        with pytest.raises(DeviceFault, match="jog would leave the travel"):
+            await cnc.jog("X", 5000.0, 3000.0)
