@@ -13,6 +13,7 @@ from planner.errors import PostError
 from planner.kinematics.chain import Chain, Floats
 from planner.plan import Pass, Plan
 from planner.post.pass_curve import PassCurve
+from planner.post.tools import tool_for
 from planner.program import Channel, LineKind, Program
 
 Bools = NDArray[np.bool_]
@@ -84,7 +85,9 @@ def read(program: Program) -> Reading:
                 moved = True
             elif letter == "G":
                 motion = int(value) if value in (0, 1) else motion
-                by_time = value == 93 if value in (93, 94) else by_time
+                if value in (93, 94):
+                    feed = 0.0 if by_time != (value == 93) else feed
+                    by_time = value == 93
                 dwell = value == 4
             elif letter == "F":
                 feed, fresh_feed = value, True
@@ -132,11 +135,15 @@ def check(program: Program, plan: Plan, cell: Cell, chain: Chain | None = None) 
         item = operations[number].passes[index]
         place = f"pass {index} of operation {number}"
         curve = PassCurve(item, program.machine_from_build, place)
+        if np.any(reading.tool[lines] != tool_for(operations[number], cell).number):
+            faults.append(f"{place}: another tool is in")
         errors = _geometry(paths[0][:, group], paths[1][:, group], table, lines, curve)
         ratio = _feed_ratio(paths[0][:, group], reading, table, lines, item, curve, rounding_mm)
         worst = np.maximum(worst, [*errors, ratio])
         if operations[number].process.is_deposit:
             faults += _set_point_faults(program.gate, reading, table, levels, lines, item, curve)
+        elif np.any(reading.spindle_rpm[lines] != round(operations[number].spindle_rpm)):
+            faults.append(f"{place}: the spindle does not turn as planned")
         elif reading.gate[lines].any() or levels[lines, Channel.EMISSION].any():
             faults.append(f"{place}: the laser's gate is open while milling")
     return RereadReport(float(worst[0]), float(worst[1]), float(worst[2]), not faults, tuple(faults[:20]))

@@ -311,6 +311,19 @@ def test_an_open_gate_on_a_link_is_seen_by_the_reread(trunnion: Cell, hybrid: Pr
         verify(report, trunnion)
 
 
+def test_a_standing_spindle_and_a_wrong_tool_are_seen_by_the_reread(trunnion: Cell, hybrid: Program) -> None:
+    standing = tuple(line.replace("M3 S3580", "M5") for line in hybrid.lines)
+    assert "spindle" in check(replace(hybrid, lines=standing), hybrid_plan(), trunnion).faults[0]
+    wrong = tuple(line.replace("M6 T2", "M6 T3") for line in hybrid.lines)
+    assert "another tool" in check(replace(hybrid, lines=wrong), hybrid_plan(), trunnion).faults[0]
+
+
+def test_inverse_time_without_its_feed_cannot_be_read_back(hybrid: Program) -> None:
+    lines = tuple(line.split("F")[0] if "G93" in line else line for line in hybrid.lines)
+    with pytest.raises(PostError, match="has no feed"):
+        read(replace(hybrid, lines=lines))
+
+
 def test_a_part_larger_than_the_build_volume_is_refused_with_dimension_and_excess(trunnion: Cell) -> None:
     with pytest.raises(
         PostError, match=r"the part is 400.0 mm in X on the table, the build volume 200.0 mm: 200.0 mm too large"
