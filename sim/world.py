@@ -106,20 +106,20 @@ class World:
 
     def _trace_of(self, pieces: Floats, emission: Floats, powder: Floats) -> Trace:
         machine = self.cnc.machine
-        n, tool = machine.motion.n, machine.tool
-        joints0 = pieces[:, la.FROM : la.FROM + n] + machine.slip
-        joints1 = pieces[:, la.TO : la.TO + n] + machine.slip
+        n, k, tool = machine.motion.n, len(pieces), machine.tool
+        joints = np.concatenate((pieces[:, la.FROM : la.FROM + n], pieces[:, la.TO : la.TO + n])) + machine.slip
+        tips, axes = self.chain.tip_and_axis_in_table(joints, tool)
         return Trace(
-            tip0=self.chain.tip_in_table(joints0, tool),
-            tip1=self.chain.tip_in_table(joints1, tool),
-            axis0=self.chain.axis_in_table(joints0, tool),
-            axis1=self.chain.axis_in_table(joints1, tool),
+            tip0=tips[:k],
+            tip1=tips[k:],
+            axis0=axes[:k],
+            axis1=axes[k:],
             emission_w=emission,
             powder_g_min=powder,
             dt=pieces[:, la.DURATION].copy(),
             line=pieces[:, la.PIECE_LINE].astype(np.int64),
-            joints0=joints0,
-            joints1=joints1,
+            joints0=joints[:k],
+            joints1=joints[k:],
             tool=tool,
             spindle_rpm=machine.spindle_rpm,
             head_deployed=self.io.is_deployed,

@@ -48,6 +48,14 @@ def place_points(head: Floats, table: Floats, joints: Floats, point: Floats, in_
     return out
 
 
+@njit(cache=True)
+def place_pieces(head: Floats, table: Floats, joints: Floats, tip: Floats) -> tuple[Floats, Floats]:
+    """Tip and tool axis in the table frame for joints (k, n): (k, 3) mm and (k, 3) unit vectors."""
+    tips = place_points(head, table, joints, tip, True)
+    above = place_points(head, table, joints, tip + TOOL_AXIS, True)
+    return tips, above - tips
+
+
 class Chain:
     """Both chains of a cell with its tools. joints : (k, n) float, mm or deg, machine coordinates, order of the cell's axes."""
 
@@ -79,8 +87,11 @@ class Chain:
         """(k, 3) mm, tip in the machine frame."""
         return np.asarray(place_points(self._head, self._table, joints, self.tip_of(tool), False))
 
+    def tip_and_axis_in_table(self, joints: Floats, tool: int) -> tuple[Floats, Floats]:
+        """Both of the above and below in one pass: (k, 3) mm, tip, and (k, 3) unit vectors, axis."""
+        tips, axes = place_pieces(self._head, self._table, joints, self.tip_of(tool))
+        return tips, axes
+
     def axis_in_table(self, joints: Floats, tool: int) -> Floats:
         """(k, 3) unit vectors from tip into the head, in the table frame."""
-        tip = self.tip_of(tool)
-        above = np.asarray(place_points(self._head, self._table, joints, tip + TOOL_AXIS, True))
-        return np.asarray(above - self.tip_in_table(joints, tool))
+        return self.tip_and_axis_in_table(joints, tool)[1]

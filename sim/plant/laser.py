@@ -87,11 +87,9 @@ class Laser(Signals):
         self.watch(wire_dt_s)
         if self.faults:
             self.cut()
-        mean = np.empty(len(dt))
+        mean = np.zeros(len(dt))
         level = self.level_w
-        if self.power_w == 0.0 and level == 0.0:
-            mean[:] = 0.0
-        else:
+        if self.power_w or level:
             self.power_w = float(ramp(self.power_w, level, gates, dt, self.ramp_s, mean))
             if self.power_w < 1e-6:
                 self.power_w = 0.0
