@@ -61,7 +61,7 @@ def overview(plan: Plan) -> dict[str, Any]:
 
 
 def _pass(pass_: Pass) -> dict[str, Any]:
-    points = np.round(pass_.tip.sample(CHORD_TOLERANCE_MM)[:, :3], DECIMALS) + 0.0
+    points = np.round(pass_.tip.evaluate(pass_.tip.sample(CHORD_TOLERANCE_MM))[:, :3], DECIMALS) + 0.0
     rows = np.atleast_2d(pass_.setpoints)
     return {
         "link": bool(pass_.is_link),
