@@ -6,7 +6,8 @@ import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from config.cell import Cell
+from config.base import ConfigError
+from config.cell import Cell, Link
 from config.device import Device, load_device
 from drivers.cnc.driver import CncDriver
 from drivers.feeder import Feeder
@@ -53,6 +54,7 @@ def open_devices(cell: Cell, run_dir: Path, clock: Clock) -> tuple[dict[str, Dev
         key = facts.serial_port if facts.transport == "rtu" else f"{role} {facts.host}:{facts.tcp_port}"
         if key not in lines:
             sharing = [other for other, link in cell.links.items() if link.transport == "rtu" and link.serial_port == key]
+            _check_line(key, [cell.links[other] for other in sharing])
             timeout_s = max(devices[other].timeout_s for other in (sharing or [role]))
             lines[key] = PymodbusLink(facts, timeout_s, clock, run_dir)
         clients[role] = DeviceClient(devices[role], facts.device_id, lines[key], clock)
@@ -67,3 +69,11 @@ def open_cell(cell: Cell, run_dir: Path, clock: Clock) -> CellDrivers:
     clients, links = open_devices(cell, run_dir, clock)
     cnc = open_cnc(cell, run_dir, clock)
     return CellDrivers(cnc, Laser(clients["laser"]), Feeder(clients["feeder"]), Io(clients["io"]), links)
+
+
+def _check_line(port: str, sharing: list[Link]) -> None:
+    """Raise ConfigError unless the devices on one serial line agree on its settings and differ in their ids."""
+    if len({(link.baud, link.parity) for link in sharing}) > 1:
+        raise ConfigError(f"links: devices on serial line {port} differ in baud or parity", "give all devices of one line the same")
+    if len({link.device_id for link in sharing}) != len(sharing):
+        raise ConfigError(f"links: a device_id stands twice on serial line {port}", "give each device of one line its own id")

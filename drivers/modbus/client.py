@@ -32,6 +32,7 @@ EXCEPTIONS = {
     6: "device busy", 8: "memory parity error", 10: "gateway path unavailable", 11: "gateway target does not respond",
 }  # fmt: skip  # Modbus Application Protocol 1.1b3, chapter 7
 READ_FUNCTIONS: dict[Table, int] = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
+EXCEPTION_BIT = 0x80  # set in the function code of an exception
 FRAME_GAP_CHARACTERS = 3.5  # silence between RTU frames (Modbus over serial line 1.02, 2.5.1.1)
 FRAME_GAP_MIN_S = 0.00175  # the same above 19200 baud
 WAIT_OUT_FACTOR = 1.0  # a device that missed its time-out is given as long again
@@ -81,9 +82,8 @@ class PymodbusLink:
     async def read(self, device_id: int, table: Table, address: int, count: int) -> list[int]:
         """`count` words or bits. Raises LinkLost, DeviceSilent, DeviceFault, WrongAnswer."""
         what = f"device {device_id}, {table} {address}..{address + count - 1}"
-        answer = await self._request(lambda client: self._send_read(client, device_id, table, address, count), what)
-        if answer.function_code != READ_FUNCTIONS[table]:
-            raise self._wrong(what, f"function {answer.function_code} where {READ_FUNCTIONS[table]} was asked")
+        function = READ_FUNCTIONS[table]
+        answer = await self._request(lambda client: self._send_read(client, device_id, table, address, count), function, what)
         if table in ("coil", "discrete"):
             if len(answer.bits) != (count + 7) // 8 * 8:
                 raise self._wrong(what, f"{len(answer.bits) // 8} bytes of bits where {(count + 7) // 8} were asked")
@@ -95,11 +95,11 @@ class PymodbusLink:
     async def write(self, device_id: int, table: Table, address: int, values: list[int]) -> None:
         """Write words (holding) or bits (coil). Raises LinkLost, DeviceSilent, DeviceFault, WrongAnswer."""
         what = f"device {device_id}, writing {table} {address}..{address + len(values) - 1}"
-        answer = await self._request(lambda client: self._send_write(client, device_id, table, address, values), what)
         is_one = len(values) == 1
         function = (5 if is_one else 15) if table == "coil" else (6 if is_one else 16)
-        if answer.function_code != function or answer.address != address:
-            raise self._wrong(what, f"an answer to function {answer.function_code} at {answer.address}")
+        answer = await self._request(lambda client: self._send_write(client, device_id, table, address, values), function, what)
+        if answer.address != address:
+            raise self._wrong(what, f"an answer for address {answer.address}")
         echoed = [int(bit) for bit in answer.bits] if table == "coil" else answer.registers
         if is_one and list(echoed[:1]) != values:
             raise self._wrong(what, f"{echoed[:1]} echoed where {values} was written")
@@ -136,12 +136,19 @@ class PymodbusLink:
             raise PortAbsent(f"Modbus line {self.name} cannot be opened", "check port and baud rate in the cell file")
         raise PortAbsent(f"nothing answers at Modbus TCP {self.name}", "check the device's power, network, host and tcp_port")
 
-    async def _request(self, send: Send, what: str) -> ModbusPDU:
-        """Carry out one request even if the caller goes away meanwhile."""
+    async def _request(self, send: Send, function: int, what: str) -> ModbusPDU:
+        """Carry out one request even if the caller goes away meanwhile; its answer, if it is one to this function."""
         task = asyncio.ensure_future(self._transact(send, what))
         self._requests.add(task)
         task.add_done_callback(self._ended)
-        return await asyncio.shield(task)
+        answer = await asyncio.shield(task)
+        if answer.function_code & ~EXCEPTION_BIT != function:
+            raise self._wrong(what, f"an answer to function {answer.function_code} where {function} was asked")
+        if isinstance(answer, ExceptionResponse) or answer.isError():
+            code = answer.exception_code
+            name = EXCEPTIONS.get(code, "unknown exception")
+            raise DeviceFault(f"Modbus {self.name} answered exception {code} ({name}) to {what}", CHECK_MAP, code)
+        return answer
 
     def _ended(self, task: asyncio.Task[ModbusPDU]) -> None:
         self._requests.discard(task)
@@ -156,20 +163,15 @@ class PymodbusLink:
             if self._is_rtu:
                 await self._keep_silence()
             try:
-                answer = await send(client)
+                return await send(client)
             except (ModbusException, OSError) as error:
                 self._missed_at = self._clock.now()
                 if isinstance(error, (ConnectionException, OSError)) or not client.connected:
-                    raise LinkLost(f"Modbus {self.name} was closed by the other end ({what})", "check the device's power and cable") from None
+                    raise LinkLost(f"Modbus {self.name} was closed during a request ({what})", "check the device's power and cable") from None
                 limit_ms = self._timeout_s * 1000
                 raise DeviceSilent(
                     f"no answer within {limit_ms:.0f} ms on Modbus {self.name} ({what})", "check the device's power, cable, id and baud rate"
                 ) from None
-        if isinstance(answer, ExceptionResponse) or answer.isError():
-            code = answer.exception_code
-            name = EXCEPTIONS.get(code, "unknown exception")
-            raise DeviceFault(f"Modbus {self.name} answered exception {code} ({name}) to {what}", CHECK_MAP, code)
-        return answer
 
     async def _keep_silence(self) -> None:
         """Wait for the gap between frames; after a time-out until the late answer has come or cannot come any more."""

@@ -270,3 +270,24 @@ async def test_one_cycle_reads_the_whole_map_in_one_request_per_table(server: Ra
     await laser.cycle()
     assert sorted(server.devices[1].requests) == [(2, 0, 1), (4, 0, 6), (6, 1, laser.client.heartbeat.value)]
     await link.close()
+
+
+@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize("damage", ["another function", "odd bytes", "nothing"])
+async def test_damaged_answer_is_an_error_and_the_next_good_one_is_read(server: RawModbus, wire: str, damage: str) -> None:
+    link = await link_to(server, wire, timeout_s=0.05)
+    await link.connect()
+    device = server.devices[1]
+    device.words["input"].update({0: 1, 1: 2})
+    handle = device.handle
+
+    def spoil(pdu: bytes) -> bytes | None:
+        good = handle(pdu) or b""
+        return {"another function": b"\x03" + good[1:], "odd bytes": good[:1] + b"\x03" + good[2:5], "nothing": b""}[damage]
+
+    device.handle = spoil  # type: ignore[method-assign]
+    with pytest.raises((WrongAnswer, DeviceSilent)):
+        await link.read(1, "input", 0, 2)
+    device.handle = handle  # type: ignore[method-assign]
+    assert await link.read(1, "input", 0, 2) == [1, 2]
+    await link.close()
