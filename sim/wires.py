@@ -20,6 +20,7 @@ from sim.pseudo_terminal import TerminalError
 from sim.world import World
 
 CELL_FILE_MODE = 0o644
+BAUD_MAX = 4_000_000  # the cell file's bound
 
 
 class WireError(Exception):
@@ -41,12 +42,14 @@ class Wires:
         self._devices: list[TcpDevice] = []
         self._links: dict[str, Link] = {}
         self._port = cell.cnc.port
+        # a machine that runs S times as fast takes S times the lines: so its line is S times as fast, and the cell file says so
+        self._baud = min(round(cell.cnc.baud * max(world.time_scale, 1.0)), BAUD_MAX)
 
     def _path(self, port: str) -> Path:
         return Path(os.path.abspath(self._run_dir / port))
 
     async def open(self) -> Cell:
-        """Open everything; returns the cell with the real ports.
+        """Open everything; returns the cell with the real ports and the serial line's speed at this time scale.
 
         Raises WireError when a name or a port is taken; then nothing stays open.
         """
@@ -60,12 +63,12 @@ class Wires:
         except BaseException:
             await self.close()
             raise
-        cnc = self._cell.cnc.model_copy(update={"port": self._port})
+        cnc = self._cell.cnc.model_copy(update={"port": self._port, "baud": self._baud})
         return self._cell.model_copy(update={"cnc": cnc, "links": self._links})
 
     def _open_serial(self) -> None:
         cnc = self._cell.cnc
-        pace = cnc.baud / BITS_PER_BYTE * self._world.time_scale if self._at_baud else None
+        pace = self._baud / BITS_PER_BYTE if self._at_baud else None
         path = self._path(cnc.port)
         self._serial = CncSerial(self._world.cnc, path, pace)
         self._port = str(path)

@@ -196,6 +196,12 @@ async def test_cell_file_names_the_real_ports_and_reads_back_as_the_same_cell(tm
     assert not (tmp_path / "sim.sock").exists()
 
 
+async def test_the_serial_line_is_as_many_times_faster_as_the_machine(tmp_path: Path) -> None:
+    async with running(free_cell(), tmp_path, time_scale=10.0) as server:
+        assert load_cell(server.cell_file).cnc.baud == 1_152_000
+        assert server.world.cell.cnc.baud == 115_200
+
+
 async def test_control_socket_opens_the_door_and_tells_what_is_wrong_with_a_command(tmp_path: Path) -> None:
     async with running(free_cell(), tmp_path) as server:
         assert (await command(tmp_path, do="state"))["io"]["door_closed"] == 1.0
