@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from cellctl.cell.controller import Controller
-from cellctl.cell.preconditions import Refused, check_devices, check_program, still_there
+from cellctl.cell.preconditions import Refused, check_cnc, check_devices, check_program, still_there
 from cellctl.cell.record import END, RUN, StoreError
 from cellctl.cell.stream import Run
 from cellctl.cell.transaction import Step, Transaction
@@ -111,8 +111,9 @@ class Commands:
             raise Refused(f"job {job} was started before", "submit it again as a new job")
         program, digest = await self._read_program(Path(directory))
         drivers = self._drivers()
-        check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
         check_devices(drivers)
+        check_cnc(drivers)
+        check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
         after(c.state, T.START)
         c.found.jobs.add(job)
         row = (job, name, directory, digest, c.times.unix(), len(program.lines), command.who, command.id)
@@ -161,8 +162,9 @@ class Commands:
         c = self._c
         if not is_reached(c.state, T.ABORT) and not (c.state is S.IDLE and c.ended is not None):
             after(c.state, T.ABORT)
+            lead = c.cell.limits.tick_s if c.hand.is_permitted else 0.0
             c.hand.lock(command.because)
-            c.quiesce.begin(c.times.wire.now(), reset=True)
+            c.quiesce.begin(c.times.wire.now(), reset=True, lead_s=lead)
             c.go(T.ABORT, command.because or "aborted by the operator")
         return {"state": c.state.value}
 
@@ -188,8 +190,9 @@ class Commands:
 
     async def _reset(self, command: Command) -> dict[str, Any]:
         c = self._c
-        if c.state not in LATCHED:
+        if c.state not in LATCHED and not self._needs_reset():
             return {"state": c.state.value}
+        after(c.state, T.RESET)
         if c.quiesce_pending:
             raise Refused("cannot reset: the machine is still coming to rest", "try again in a second")
         for code in [*c.alarms, "estop"]:
@@ -206,6 +209,15 @@ class Commands:
         c.go(T.RESET, command.because or "reset by the operator")
         c.transaction = Transaction(self._reset_steps())
         return {"state": c.state.value}
+
+    def _needs_reset(self) -> bool:
+        """Whether a device holds a fault, or the CNC a hold, that the cell has not latched."""
+        d = self._c.drivers
+        if d is None or not self._c.is_cnc_alive or self._c.state not in (S.IDLE, S.UNHOMED):
+            return False
+        return bool(
+            d.laser.faults or d.feeder.faults or (d.cnc.status is not None and d.cnc.status.state in ("Hold", "Door"))
+        )
 
     def _reset_steps(self) -> list[Step]:
         c = self._c

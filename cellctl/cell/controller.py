@@ -110,6 +110,8 @@ class Controller:
             self.fault("restarted", f"{run.name}, last executed line {run.last_line} of {run.total_lines}")
         for code, detail, remedy in self.found.alarms:
             self.fault(code, detail, remedy)
+        if self.found.unfinished:
+            self.journal.commit()
 
     # -- state and events ----------------------------------------------------------------------------------------------
 
@@ -205,6 +207,8 @@ class Controller:
         if self.drivers is not None and self.is_cnc_alive:
             for event in self.drivers.cnc.pump():
                 self._on_cnc(event)
+            if self.run is not None:
+                self.run.count()
 
     def _situation(self, now: float) -> Situation:
         run = self.run
@@ -285,7 +289,7 @@ class Controller:
         if self.run is None or self.drivers is None:
             return self.ended.lines if self.ended else Lines()
         counts = self.drivers.cnc.counts
-        return Lines(counts.sent, counts.acknowledged, counts.executing, counts.executed, self.run.total)
+        return Lines(counts.sent, counts.acknowledged, counts.executing, self.run.executed, self.run.total)
 
     def job_view(self, outcome: str = "") -> JobView:
         """The run as the operator sees it. Raises AssertionError without a run."""

@@ -8,6 +8,7 @@ from typing import Protocol
 from cellctl.cell.transaction import Step
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
+from drivers.cnc.protocol import FULL_STATUS
 from drivers.interfaces import Clock
 
 SAFE, DEPOSIT, MILL = 0, 1, 2
@@ -135,7 +136,9 @@ class Modes:
             age_s=lambda: feeder.age_s,
             must_last_s=0.1,
             code="powder_flow",
-            detail=lambda: f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s",
+            detail=lambda: (
+                f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s"
+            ),
         )
         gone = Step(
             "waiting for the powder in the hose",
@@ -175,10 +178,19 @@ class Modes:
         )
 
     def _datum(self, offset: dict[str, float]) -> Step:
+        cnc = self._d.cnc
+
+        def ask() -> None:
+            if cnc.identity is not None and cnc.identity.firmware == "grblhal":
+                cnc.urge(FULL_STATUS)  # with the offset; others repeat it every 10 to 30 reports
+
         return Step(
             "checking the work offset",
             lambda: not offset_differs(self._d.cnc.status.wco if self._d.cnc.status else {}, offset),
             STATUS_TIMEOUT_S,
+            act=ask,
+            age_s=lambda: self._clock.now() - cnc.status.at if cnc.status else STATUS_TIMEOUT_S,
+            must_last_s=0.03,  # a report that was asked for before may still come first
             code="datum",
             detail=lambda: offset_differs(self._d.cnc.status.wco if self._d.cnc.status else {}, offset),
         )

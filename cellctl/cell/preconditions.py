@@ -65,6 +65,10 @@ def check_program(program: Program, cell: Cell, drivers: CellDrivers, held: dict
                 f"the program asks {device}.{name} for {float(np.max(values)):g} {register.unit}, its limit is {register.max:g}",
                 "lower it in the recipe and plan again",
             )
+
+
+def check_cnc(drivers: CellDrivers) -> None:
+    """Whether the machine stands and waits. Raises Refused."""
     status = drivers.cnc.status
     if status is None or not status.is_idle:
         raise Refused(
@@ -81,11 +85,14 @@ def check_devices(drivers: CellDrivers, *, for_job: bool = True) -> None:
             raise Refused(why, REACTIONS[INTERLOCK_CAUSE[name]].remedy)
     if not for_job:
         return
-    for device, client in (("laser", drivers.laser.client), ("powder feeder", drivers.feeder.client)):
-        if client.is_stale("fault_word"):
-            raise Refused(f"the {device} does not answer", "look at its power and cable")
-        if client.faults:
-            raise Refused(f"the {device} reports: {'; '.join(client.faults)}", "remove the cause, then reset")
+    for name, device in (("laser", drivers.laser), ("powder feeder", drivers.feeder)):
+        if device.client.is_stale("fault_word"):
+            raise Refused(f"the {name} does not answer", "look at its power and cable")
+        if device.faults:
+            raise Refused(
+                f"the {name} reports: {'; '.join(device.faults)}",
+                "remove the cause at the device; `reset` clears what it has latched",
+            )
 
 
 def signal_of(client: DeviceClient, name: str) -> Signal:

@@ -72,7 +72,7 @@ class Run:
         self.wanted = Wanted()
         self.is_emission_due = False
         self.transaction: Transaction | None = None
-        self.ended_at: float | None = None
+        self.executed = 0  # lines that the machine has executed
         self._cell = cell
         self._d = drivers
         self._modes = modes
@@ -97,16 +97,24 @@ class Run:
         """Lines of the Program."""
         return len(self.program.lines)
 
-    @property
-    def executed(self) -> int:
-        """Lines that the machine has executed."""
-        return self._d.cnc.counts.executed
+    def count(self) -> None:
+        """Take the lines executed from the last report: all before the one that moves, or all of them at a standstill behind them.
+
+        An Idle that came with or before the answer to the last line may have been said before that line was parsed.
+        """
+        status, counts = self._d.cnc.status, self._d.cnc.counts
+        if status is None:
+            return
+        if not status.is_idle and counts.executing > 0:
+            self.executed = max(self.executed, counts.executing - 1)
+        elif status.is_idle and status.at > self._answered_at:
+            self.executed = max(self.executed, counts.executed)
 
     @property
     def line(self) -> int:
         """Index of the line that executes, or of the next one."""
         counts = self._d.cnc.counts
-        return min(max(counts.executing - 1 if counts.executing > 0 else counts.executed, 0), self.total - 1)
+        return min(max(counts.executing - 1 if counts.executing > 0 else self.executed, 0), self.total - 1)
 
     @property
     def row(self) -> Any:
@@ -205,10 +213,7 @@ class Run:
         return self._released >= self.total and self._is_standing_at(self.total)
 
     def _is_standing_at(self, count: int) -> bool:
-        """Whether the machine stands with `count` lines executed, told by a report that is younger than the last answer.
-
-        A report that came with or before the answer may have been made before the line was parsed.
-        """
+        """Whether the machine stands with `count` lines executed, told by a report that is younger than the last answer."""
         status = self._d.cnc.status
         is_told = status is not None and status.is_idle and status.at > self._answered_at
         return is_told and self._d.cnc.is_drained and self.executed >= count

@@ -11,7 +11,7 @@ from typing import Any
 from cellctl.cell.commands import Commands
 from cellctl.cell.connect import Connection
 from cellctl.cell.controller import Controller, Times
-from cellctl.cell.record import Journal
+from cellctl.cell.record import Journal, StoreError
 from cellctl.cell.tick import Beat
 from cellctl.cell.view import snapshot
 from cellctl.domain.messages import Command, Event, Reply
@@ -86,7 +86,7 @@ class CellUnderTest:
         self.is_alive = False
         await self.commands.close()
         await self.connection.close()
-        self.journal.commit()
+        self._commit()
         self.journal.close()
 
     async def kill(self) -> None:
@@ -123,7 +123,7 @@ class CellUnderTest:
                 self.controller.tick()
                 await self._settle()
                 if done % 10 == 0:
-                    self.journal.commit()
+                    self._commit()
         if until is not None:
             because = f"{self.state}: {self.controller.because}; waiting: {self.snapshot.waiting}; alarms: {list(self.controller.alarms)}"
             assert until(), f"not within {count * tick:g} s; {because}"
@@ -136,6 +136,13 @@ class CellUnderTest:
             await self.forward(until=until)
         finally:
             self.time_scale = self.sim.time_scale = before
+
+    def _commit(self) -> None:
+        """What the journal's thread does ten times a second."""
+        try:
+            self.journal.commit()
+        except StoreError as error:
+            self.controller.fault("store", error.message)
 
     async def _settle(self) -> None:
         for _ in range(SPINS):

@@ -39,7 +39,20 @@ class Writer:
         n = len(self.lines) + 1
         self.lines.append(f"N{n} {text}")
         start, self.time_s = self.time_s, self.time_s + seconds
-        row = (n, kind, self.layer, self.operation, 0, 0.0, 0.0, start, self.time_s, tuple(self.tip), (0.0, 0.0, 1.0), tuple(self.joints()))
+        row = (
+            n,
+            kind,
+            self.layer,
+            self.operation,
+            0,
+            0.0,
+            0.0,
+            start,
+            self.time_s,
+            tuple(self.tip),
+            (0.0, 0.0, 1.0),
+            tuple(self.joints()),
+        )
         self.rows.append(row)
         return n
 
@@ -74,7 +87,9 @@ class Writer:
         )  # fmt: skip
 
 
-def one_wall(cell: Cell, *, layers: int = 2, length_mm: float = 40.0, pieces: int = 10, dwell_s: float = 0.0, mill: bool = True) -> Program:
+def one_wall(
+    cell: Cell, *, layers: int = 2, length_mm: float = 40.0, pieces: int = 10, dwell_s: float = 0.0, mill: bool = True
+) -> Program:
     """`layers` beads over one another, each of `pieces` lines; dwell between them; then one milling pass with tool 2."""
     w = Writer(cell)
     starts = []

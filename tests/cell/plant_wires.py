@@ -144,7 +144,9 @@ class PlantWires:
         for role, device in self._devices.items():
             self.links[role] = DirectLink(self._world, role, self._clock, device.timeout_s)
             clients[role] = DeviceClient(device, 1, self.links[role], self._clock)
-        return CellDrivers(cnc, Laser(clients["laser"]), Feeder(clients["feeder"]), Io(clients["io"]), tuple(self.links.values()))
+        return CellDrivers(
+            cnc, Laser(clients["laser"]), Feeder(clients["feeder"]), Io(clients["io"]), tuple(self.links.values())
+        )
 
     def reopen_cnc(self) -> CncDriver:
         if self.is_port_absent:

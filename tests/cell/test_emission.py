@@ -51,7 +51,9 @@ async def test_a_cell_without_wired_gate_lights_the_pass_by_modbus(tmp_path: Pat
         assert x[-1] == pytest.approx(20.0, abs=1.0)
 
 
-async def test_door_opened_while_depositing_turns_the_laser_off_within_one_tick_and_latches(cell: CellUnderTest) -> None:
+async def test_door_opened_while_depositing_turns_the_laser_off_within_one_tick_and_latches(
+    cell: CellUnderTest,
+) -> None:
     await cell.deposit()
     cell.sim.open_door()
     await cell.forward(ticks=1)
@@ -87,7 +89,9 @@ async def test_after_the_door_is_closed_and_reset_the_job_goes_on_to_its_end(cel
     [("fume_fail", "fume_extraction"), ("gas_low", "gas_pressure"), ("chiller_fail", "chiller"), ("estop", "estop"), ("laser_fault", "laser_fault"),
      ("feeder_clog", "feeder_fault"), ("feeder_fault", "feeder_fault"), ("fibre_open", "laser_interlock")],
 )  # fmt: skip
-async def test_a_lost_level_turns_the_laser_off_by_the_next_reading_and_latches_its_cause(cell: CellUnderTest, fault: str, code: str) -> None:
+async def test_a_lost_level_turns_the_laser_off_by_the_next_reading_and_latches_its_cause(
+    cell: CellUnderTest, fault: str, code: str
+) -> None:
     await cell.deposit()
     cell.sim.faults.add(fault)
     await cell.forward(ticks=POLL_TICKS)
@@ -111,7 +115,9 @@ async def test_powder_that_does_not_arrive_although_nothing_reports_it_ends_the_
 
 
 @pytest.mark.parametrize("device", ["laser", "io", "feeder"])
-async def test_a_modbus_device_that_falls_silent_leaves_no_light_and_a_latched_cause(cell: CellUnderTest, device: str) -> None:
+async def test_a_modbus_device_that_falls_silent_leaves_no_light_and_a_latched_cause(
+    cell: CellUnderTest, device: str
+) -> None:
     await cell.deposit(length_mm=60.0)
     cell.sim.faults.add(f"modbus_silent {device}")
     stale = 0.5 if device == "laser" else 0.25  # the laser's own dead-man; else the shortest stale limit
@@ -122,7 +128,9 @@ async def test_a_modbus_device_that_falls_silent_leaves_no_light_and_a_latched_c
     assert f"{device}_silent" in cell.latched
 
 
-async def test_a_serial_line_that_falls_silent_turns_the_laser_off_when_the_status_is_stale(cell: CellUnderTest) -> None:
+async def test_a_serial_line_that_falls_silent_turns_the_laser_off_when_the_status_is_stale(
+    cell: CellUnderTest,
+) -> None:
     await cell.deposit(length_mm=60.0)
     cell.sim.faults.add("serial_silent")
     await cell.forward(seconds=cell.facts.limits.status_stale_s)
@@ -161,7 +169,9 @@ async def test_hold_turns_the_laser_off_before_the_machine_slows_and_resume_goes
     assert (await cell.command("resume")).ok
     await cell.forward(until=cell.is_state(State.RUNNING), seconds=20)
     await cell.forward(until=lambda: cell.sim.laser.is_emitting, seconds=1)
-    assert cell.sim.feeder.rate_at_nozzle_g_min == pytest.approx(10.0, rel=0.05), "powder is steady before motion goes on"
+    assert cell.sim.feeder.rate_at_nozzle_g_min == pytest.approx(10.0, rel=0.05), (
+        "powder is steady before motion goes on"
+    )
     await cell.hurry(cell.is_state(State.IDLE), scale=4.0)
     assert cell.outcome == "completed"
     assert cell.max_standstill_emission_w == 0.0

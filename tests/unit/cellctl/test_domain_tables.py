@@ -8,9 +8,19 @@ from cellctl.domain import jobs, states
 from cellctl.domain.interlocks import Levels, Signal, may_emit, permissives
 from cellctl.domain.jobs import ENDED, JobState, WrongJobStateError
 from cellctl.domain.reactions import INTERLOCK_CAUSE, REACTIONS, explain
-from cellctl.domain.states import ACTIVE, EXECUTION, HINTS, REST_OF, TRANSITIONS, State, Trigger, WrongStateError, after
+from cellctl.domain.states import EXECUTION, HINTS, REST_OF, TRANSITIONS, State, Trigger, WrongStateError, after
 
-COMMANDS = (Trigger.HOLD, Trigger.RESUME, Trigger.ABORT, Trigger.STOP, Trigger.RESET, Trigger.HOME, Trigger.UNLOCK, Trigger.JOG, Trigger.START)
+COMMANDS = (
+    Trigger.HOLD,
+    Trigger.RESUME,
+    Trigger.ABORT,
+    Trigger.STOP,
+    Trigger.RESET,
+    Trigger.HOME,
+    Trigger.UNLOCK,
+    Trigger.JOG,
+    Trigger.START,
+)
 
 
 @pytest.mark.parametrize("state", State)
@@ -56,7 +66,15 @@ def test_what_is_not_in_the_table_raises_with_one_line() -> None:
 
 def test_every_state_has_a_word_of_mtconnect_and_every_command_a_hint_or_a_way_from_everywhere() -> None:
     assert set(EXECUTION) == set(State)
-    assert set(EXECUTION.values()) <= {"READY", "ACTIVE", "INTERRUPTED", "FEED_HOLD", "STOPPED", "PROGRAM_COMPLETED", "WAIT"}
+    assert set(EXECUTION.values()) <= {
+        "READY",
+        "ACTIVE",
+        "INTERRUPTED",
+        "FEED_HOLD",
+        "STOPPED",
+        "PROGRAM_COMPLETED",
+        "WAIT",
+    }
     assert all(command in HINTS for command in COMMANDS if command is not Trigger.STOP)
     assert set(REST_OF) <= set(COMMANDS)
 
@@ -65,7 +83,10 @@ def test_the_diagram_names_every_arrow_of_the_table() -> None:
     drawn = states.mermaid()
     for (source, trigger), target in TRANSITIONS.items():
         if trigger not in (Trigger.STOP, Trigger.FAULTED) and source is not target:
-            assert any(line.strip().startswith(f"{source} --> {target}:") and trigger.value in line for line in drawn.splitlines())
+            assert any(
+                line.strip().startswith(f"{source} --> {target}:") and trigger.value in line
+                for line in drawn.splitlines()
+            )
 
 
 def test_a_job_that_has_ended_stays_ended() -> None:
