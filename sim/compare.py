@@ -79,27 +79,11 @@ def compare(stock: Stock, target: Target, base_mm: float | None = None) -> Devia
     )
 
 
-def target_field(stock: Stock, target: Target) -> NDArray[np.float32]:
-    """The part's signed distance on the stock's grid, clipped to the band; exact wherever either surface is near."""
-    inside = target.inside_grid(stock.origin, stock.cell_mm, stock.field.shape)
-    field = np.where(inside, -stock.band_mm, stock.band_mm).astype(np.float32)
-    edge = np.zeros(field.shape, dtype=bool)
-    for axis in range(3):
-        change = np.diff(inside, axis=axis)
-        before = [slice(None)] * 3
-        after = [slice(None)] * 3
-        before[axis], after[axis] = slice(None, -1), slice(1, None)
-        edge[tuple(before)] |= change
-        edge[tuple(after)] |= change
-    index = np.argwhere(edge)
-    field[edge] = target.signed_distance(stock.origin + index * stock.cell_mm)
-    return field
-
-
 def _volumes(stock: Stock, target: Target) -> tuple[float, float]:
     """Missing and excess volume above the substrate, mm3, with cells on a surface counted by their filled fraction."""
     above = int(np.ceil(-stock.origin[2] / stock.cell_mm + 0.5))
-    wanted = np.clip(0.5 - target_field(stock, target)[:, :, above:] / stock.cell_mm, 0.0, 1.0)
+    part = target.field(stock.origin, stock.cell_mm, stock.field.shape, stock.band_mm)
+    wanted = np.clip(0.5 - part[:, :, above:] / stock.cell_mm, 0.0, 1.0)
     built = np.clip(0.5 - stock.field[:, :, above:] / stock.cell_mm, 0.0, 1.0)
     gap = (wanted - built).astype(np.float64)
     cell3 = stock.cell_mm**3

@@ -12,12 +12,11 @@ from config import Cell, Material, load_device, load_material
 from sim import job as facts
 from sim.compare import compare
 from sim.findings import Findings
-from sim.job import Job, TriangleMesh
+from sim.job import Job
 from sim.picture import picture
-from sim.process.metal import Metal
-from sim.process.stock import Stock
+from sim.process.clamping import SAMPLE_MM, TriangleMesh, clamp_block, clamp_mesh, inverse, metal_for
 from sim.process.target import Target
-from sim.proof import Proof, verdict
+from sim.proof import Proof, allowed_deviation_mm, program_digest, verdict
 from sim.schedule import IdealController
 from sim.world import World
 
@@ -30,10 +29,7 @@ STARVED_SHARE = 0.8  # powder below this share of its set-point starves the bead
 LOW_EMISSION_W = 1.0
 CELL_LEAST_MM, CELL_MOST_MM = 0.2, 0.5
 CELLS_PER_TOLERANCE = 2.0
-MARGIN_MM = 4.0  # of the stock's box round the part: beads bulge out by less
-HEAD_ROOM_MM = 6.0
 OFFSET_TOLERANCE = 1e-3  # mm or deg
-SAMPLE_MM = 0.25  # spacing of the part's surface samples
 
 Progress = Callable[[float, str], None]
 
@@ -44,18 +40,21 @@ def prove(
     mesh: TriangleMesh,
     *,
     material: Material | None = None,
+    stock: TriangleMesh | None = None,
     cell_mm: float | None = None,
     progress: Progress | None = None,
 ) -> Proof:
     """Run the Program in the twin and measure what stands on the table.
 
     mesh : the part, mm, in the frame of its file
+    stock : metal on the plate before the first line, mm, frame of the part's file; default: none, for process "mill" the part's box
+        grown by BOX_ALLOWANCE_MM sideways and upwards
     cell_mm : grid of the stock; default: half the tolerance, between 0.2 and 0.5 mm
     progress : called with the share of lines executed (0 to 1) and a word
 
     The same Program, cell and mesh give the same Proof, byte for byte.
     """
-    run = DryRun(program, cell, mesh, material or load_material(program.material), cell_mm)
+    run = DryRun(program, cell, mesh, material or load_material(program.material), stock, cell_mm)
     run.execute(progress)
     return run.conclude()
 
@@ -63,15 +62,20 @@ def prove(
 class DryRun:
     """One Program in one simulated cell. `execute` runs it to its end or its first fatal finding, `conclude` gives the verdict."""
 
-    def __init__(self, program: Job, cell: Cell, mesh: TriangleMesh, material: Material, cell_mm: float | None) -> None:
+    def __init__(
+        self, program: Job, cell: Cell, mesh: TriangleMesh, material: Material, stock: TriangleMesh | None, cell_mm: float | None
+    ) -> None:
         self.program, self.cell, self.material = program, cell, material
         turn = program.build_from_part
         vertices = np.asarray(mesh.vertices, dtype=float) @ turn[:3, :3].T + turn[:3, 3]
         self.target = Target(vertices, np.asarray(mesh.facets), SAMPLE_MM)
         grid = cell_mm or float(np.clip(program.tolerance_mm * CELLS_PER_TOLERANCE, CELL_LEAST_MM, CELL_MOST_MM))
-        self.build_from_table = np.linalg.inv(program.machine_from_build)
-        self.stock = self._stock(grid)
-        self.metal = Metal(self.stock, cell, self.build_from_table)
+        self.metal = metal_for(cell, self.target.bounds, grid, self.material, inverse(program.machine_from_build))
+        self.stock = self.metal.stock
+        if stock is not None:
+            clamp_mesh(self.stock, stock, program.build_from_part)
+        elif program.process == "mill":
+            clamp_block(self.stock, self.target.bounds)
         devices = {role: load_device(link.device) for role, link in cell.links.items()}
         self.world = World(cell, devices, metal=self.metal, dead_man=False)
         self.controller = IdealController(program, self.world)
@@ -80,19 +84,6 @@ class DryRun:
         self._is_rapid = rapid_lines(program)
         self._standing_s = 0.0
         self._emitted_mm = 0.0
-
-    def _stock(self, grid: float) -> Stock:
-        low, high = self.target.bounds
-        bounds = np.array([low - [MARGIN_MM, MARGIN_MM, 2.0], high + [MARGIN_MM, MARGIN_MM, HEAD_ROOM_MM]])
-        simulation = self.cell.simulation
-        top = self.build_from_table[:3, :3] @ np.array(simulation.substrate_top_mm) + self.build_from_table[:3, 3]
-        half = 0.5 * np.array(simulation.substrate_mm)
-        plate = np.array([[top[0] - half[0], top[1] - half[1], top[2] - 2.0 * half[2]], [top[0] + half[0], top[1] + half[1], top[2]]])
-        stock = Stock(bounds, grid, self.material, plate)
-        if self.program.process == "mill":
-            allowance = self.material.deposition.stock_allowance_mm
-            stock.fill_box(np.array([low - [allowance, allowance, 0.0], high + allowance]))
-        return stock
 
     def execute(self, progress: Progress | None = None) -> None:
         """Run all lines; stops early at an error or alarm of the firmware."""
@@ -184,10 +175,12 @@ class DryRun:
         drawn = picture(self.stock, self.target, deviation, self.program.tolerance_mm, self.program.part_name)
         return Proof(
             passed=passed,
+            program_sha256=program_digest(self.program),
             reasons=reasons,
             findings=findings,
             deviation=deviation,
             tolerance_mm=self.program.tolerance_mm,
+            allowed_mm=round(allowed_deviation_mm(self.program, self.material), 4),
             duration_s=round(duration, 3),
             lines=len(self.program.lines),
             lines_executed=self.controller.acknowledged,

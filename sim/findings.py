@@ -9,7 +9,7 @@ from sim.job import Job
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong. line is the N-word (0: the whole Program), layer and operation as in the Program's table (-1: none)."""
+    """One thing that is wrong; an "error" fails the proof, a "warning" does not. line is the N-word (0: the whole Program), layer and operation as in the Program's table (-1: none)."""
 
     kind: str
     text: str
@@ -17,6 +17,7 @@ class Finding:
     layer: int
     operation: int
     count: int = 1
+    severity: str = "error"
 
 
 class Findings:

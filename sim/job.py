@@ -14,36 +14,48 @@ PROCESS_LINE = 2
 
 
 class Job(Protocol):
-    """What a proof needs to know of a Program (see planner/program.py for the meaning of each field)."""
+    """What a proof needs to know of a Program."""
 
     @property
-    def part_name(self) -> str: ...  # noqa: D102
-    @property
-    def process(self) -> str: ...  # noqa: D102
-    @property
-    def material(self) -> str: ...  # noqa: D102
-    @property
-    def tolerance_mm(self) -> float: ...  # noqa: D102
-    @property
-    def lines(self) -> Sequence[str]: ...  # noqa: D102
-    @property
-    def table(self) -> NDArray[np.void]: ...  # noqa: D102
-    @property
-    def schedule(self) -> NDArray[np.void]: ...  # noqa: D102
-    @property
-    def machine_from_build(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def build_from_part(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def work_offset(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def gate(self) -> str: ...  # noqa: D102
-
-
-class TriangleMesh(Protocol):
-    """Vertices (n, 3) float, mm, part frame; facets (m, 3) int."""
+    def part_name(self) -> str:
+        """Name of the part."""
 
     @property
-    def vertices(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def process(self) -> str:
+        """"hybrid", "deposit" or "mill"."""
+
     @property
-    def facets(self) -> NDArray[np.int64]: ...  # noqa: D102
+    def material(self) -> str:
+        """Name of the powder."""
+
+    @property
+    def tolerance_mm(self) -> float:
+        """Allowed deviation, mm."""
+
+    @property
+    def lines(self) -> Sequence[str]:
+        """G-code, one command line each, without newline."""
+
+    @property
+    def table(self) -> NDArray[np.void]:
+        """(n,) records with kind, layer and operation of each line."""
+
+    @property
+    def schedule(self) -> NDArray[np.void]:
+        """(k,) records n, channel, barrier, value, ordered by n."""
+
+    @property
+    def machine_from_build(self) -> NDArray[np.float64]:
+        """(4, 4) build frame to table frame."""
+
+    @property
+    def build_from_part(self) -> NDArray[np.float64]:
+        """(4, 4) frame of the file to build frame."""
+
+    @property
+    def work_offset(self) -> NDArray[np.float64]:
+        """(axes,) G54 that the controller must hold, mm or deg."""
+
+    @property
+    def gate(self) -> str:
+        """"stream" (M62/M63 in the text) or "modbus" (EMISSION entries in the schedule)."""

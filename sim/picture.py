@@ -41,7 +41,7 @@ def built_mesh(stock: Stock, base_mm: float) -> tuple[Array, NDArray[np.int64]]:
     return vertices - stock.cell_mm + origin, facets[:, ::-1].astype(np.int64)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rasterise(screen: Array, facets: NDArray[np.int64], value: Array, shade: Array, width: int, height: int) -> Array:
     """Draw triangles with a depth buffer. screen (n, 3) pixels x, y and depth towards the eye; value, shade (n,) -> (h, w, 3).
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass, field
+
+import numpy as np
 
 from config import Material
 from sim.compare import Deviation
@@ -20,10 +23,12 @@ class Proof:
     """What the twin says of a Program. `reasons` are the lines that an engineer reads first; empty when passed."""
 
     passed: bool
+    program_sha256: str
     reasons: tuple[str, ...]
     findings: tuple[Finding, ...]
     deviation: Deviation
     tolerance_mm: float
+    allowed_mm: float
     duration_s: float
     lines: int
     lines_executed: int
@@ -36,10 +41,14 @@ class Proof:
         return {
             "schema": PROOF_SCHEMA,
             "passed": self.passed,
+            "program_sha256": self.program_sha256,
+            "cell_mm": self.deviation.cell_mm,
             "reasons": list(self.reasons),
             "findings": [asdict(finding) for finding in self.findings],
             "deviation": self.deviation.as_dict(),
             "tolerance_mm": self.tolerance_mm,
+            "allowed_mm": self.allowed_mm,
+            "allowed_missing_share": MISSING_SHARE,
             "duration_s": self.duration_s,
             "lines": self.lines,
             "lines_executed": self.lines_executed,
@@ -50,6 +59,18 @@ class Proof:
     def to_json(self) -> str:
         """The same as JSON, keys sorted: equal proofs give equal text."""
         return json.dumps(self.to_dict(), sort_keys=True, indent=1)
+
+
+def program_digest(program: Job) -> str:
+    """SHA-256 (hex) of what runs: the text and the schedule."""
+    digest = hashlib.sha256("\n".join(program.lines).encode())
+    digest.update(np.ascontiguousarray(program.schedule).tobytes())
+    return digest.hexdigest()
+
+
+def is_within(deviation: Deviation, allowed_mm: float) -> bool:
+    """Whether the surface keeps to its bound and no more than MISSING_SHARE of the part is missing."""
+    return deviation.p99_mm <= allowed_mm and deviation.missing_mm3 <= MISSING_SHARE * deviation.part_mm3
 
 
 def allowed_deviation_mm(program: Job, material: Material) -> float:

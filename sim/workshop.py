@@ -3,52 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from config import Cell, ConfigError, load_material
-from sim.compare import Deviation, compare
+from sim import as_built
 from sim.control import Answer, CommandError
-from sim.picture import built_mesh, picture
+from sim.process.clamping import SAMPLE_MM, clamp_block, metal_for
 from sim.process.metal import Metal
-from sim.process.stock import Stock
 from sim.process.target import Target
 from sim.trace import Trace
 from sim.world import World
 
-Array = NDArray[np.float64]
-
-MARGIN_MM = 6.0  # metal beside and above the part that is still followed
-BELOW_MM = 2.0  # of the plate
 DEFAULT_MATERIAL = "316L"
-SAMPLE_CELLS = 1.0  # spacing of the samples on the part
-
-
-def build_from_machine(cell: Cell) -> Array:
-    """(4, 4) table frame to build frame, from the cell's placement."""
-    angle = np.radians(cell.placement.rotation_deg)
-    c, s = np.cos(angle), np.sin(angle)
-    matrix = np.eye(4)
-    matrix[:2, :2] = [[c, -s], [s, c]]
-    matrix[:3, 3] = cell.placement.part_origin_mm
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-
-
-def plate_in_build(cell: Cell, bounds: Array) -> Array | None:
-    """(2, 3) mm, the part of the clamped plate that lies in `bounds`, as a box of the build frame; None if it lies outside."""
-    size, top = np.array(cell.simulation.substrate_mm), np.array(cell.simulation.substrate_top_mm)
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-1.0, 0.0)]) * size + top
-    to_build = build_from_machine(cell)
-    placed = corners @ to_build[:3, :3].T + to_build[:3, 3]
-    low, high = np.maximum(placed.min(axis=0), bounds[0]), np.minimum(placed.max(axis=0), bounds[1])
-    low[2] = min(low[2], placed[:, 2].min())
-    return np.array([low, high]) if np.all(high > low) else None
+MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
 
 
 class Workshop:
@@ -64,7 +36,7 @@ class Workshop:
         self._work: asyncio.Task[None] | None = None
 
     async def clamp(self, command: dict[str, Any]) -> Answer:
-        """A fresh plate for a part: "mesh" (file), "build_from_part" ((4, 4), default identity), "material", "cell_mm".
+        """A fresh plate for a part: "mesh" (file), "units", "build_from_part" ((4, 4), default identity), "material", "cell_mm".
 
         "box_allowance_mm", if given, clamps a box of metal as well, so much larger than the part's on every side but the bottom.
         Raises CommandError when the mesh or the material cannot be read.
@@ -76,15 +48,14 @@ class Workshop:
         loop = asyncio.get_running_loop()
         arguments = (
             str(command.get("mesh", "")),
+            str(command.get("units", "mm")),
             command.get("build_from_part"),
             str(command.get("material", DEFAULT_MATERIAL)),
             cell_mm,
         )
         metal, target = await loop.run_in_executor(self._thread, _prepare, self._world.cell, *arguments)
         if "box_allowance_mm" in command:
-            allowance = float(command["box_allowance_mm"])
-            low, high = target.bounds
-            metal.stock.fill_box(np.array([low - [allowance, allowance, 0.0], high + allowance]))
+            clamp_block(metal.stock, target.bounds, float(command["box_allowance_mm"]))
         self._metal, self._target, self._name = metal, target, Path(arguments[0]).stem
         self._world.metal = self
         return {"cells": int(metal.stock.field.size), "cell_mm": cell_mm}
@@ -107,7 +78,7 @@ class Workshop:
             await asyncio.shield(self._work)
 
     async def measure(self, command: dict[str, Any]) -> Answer:
-        """Compare as-built with the part and write as_built.stl, .json and .png to "dir" ("name", "tolerance_mm" for the picture).
+        """Compare as-built with the part and write as_built.stl, .json and .png to "dir" ("name" and "tolerance_mm" of the part).
 
         Raises CommandError when no workpiece is clamped.
         """
@@ -118,8 +89,8 @@ class Workshop:
         loop = asyncio.get_running_loop()
         name, tolerance_mm = str(command.get("name", self._name)), float(command.get("tolerance_mm", self._cell_mm))
         arguments = self._metal, self._target, folder, name, tolerance_mm
-        deviation = await loop.run_in_executor(self._thread, _write, *arguments)
-        return {"dir": str(folder), "deviation": deviation.as_dict()}
+        figures = await loop.run_in_executor(self._thread, _write, *arguments)
+        return {"dir": str(folder), "deviation": figures, "passed": figures["passed"]}
 
     async def close(self) -> None:
         """Finish what waits and end the thread."""
@@ -135,8 +106,10 @@ def _apply_all(metal: Metal, traces: list[Trace]) -> None:
         metal.apply(trace)
 
 
-def _prepare(cell: Cell, mesh: str, build_from_part: Any, material: str, cell_mm: float) -> tuple[Metal, Target]:
+def _prepare(cell: Cell, mesh: str, units: str, build_from_part: Any, material: str, cell_mm: float) -> tuple[Metal, Target]:
     """Target, plate and stock for a mesh. Raises CommandError."""
+    if units not in MM_PER_UNIT:
+        raise CommandError(f"workpiece: units {units!r} are unknown; known: {', '.join(MM_PER_UNIT)}")
     try:
         loaded = trimesh.load_mesh(mesh)
         powder = load_material(material)
@@ -149,26 +122,15 @@ def _prepare(cell: Cell, mesh: str, build_from_part: Any, material: str, cell_mm
         raise CommandError(f"workpiece {mesh!r}: cannot be read: {str(error).splitlines()[0]}") from None
     if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
         raise CommandError(f"workpiece {mesh!r}: holds no triangles")
-    vertices = np.asarray(loaded.vertices) @ transform[:3, :3].T + transform[:3, 3]
-    target = Target(vertices, np.asarray(loaded.faces, dtype=np.int64), SAMPLE_CELLS * cell_mm)
-    bounds = target.bounds + np.array([[-MARGIN_MM] * 3, [MARGIN_MM] * 3])
-    bounds[0, 2] = target.bounds[0, 2] - BELOW_MM
-    stock = Stock(bounds, cell_mm, powder, plate_in_build(cell, bounds))
-    return Metal(stock, cell, build_from_machine(cell)), target
+    vertices = np.asarray(loaded.vertices) * MM_PER_UNIT[units] @ transform[:3, :3].T + transform[:3, 3]
+    target = Target(vertices, np.asarray(loaded.faces, dtype=np.int64), SAMPLE_MM)
+    return metal_for(cell, target.bounds, cell_mm, powder), target
 
 
-def _write(metal: Metal, target: Target, folder: Path, name: str, tolerance_mm: float) -> Deviation:
+def _write(metal: Metal, target: Target, folder: Path, name: str, tolerance_mm: float) -> dict[str, float | bool]:
     """Measure, and write surface, figures and picture. Raises CommandError when the folder cannot be written."""
     metal.finish()
-    stock = metal.stock
-    deviation = compare(stock, target)
-    vertices, facets = built_mesh(stock, 0.0)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if len(facets):
-            trimesh.Trimesh(vertices, facets, process=False).export(folder / "as_built.stl")
-        (folder / "as_built.json").write_text(json.dumps(deviation.as_dict(), indent=1) + "\n", encoding="utf-8")
-        (folder / "as_built.png").write_bytes(picture(stock, target, deviation, tolerance_mm, name))
+        return as_built.write(metal.stock, target, tolerance_mm, folder, name)
     except OSError as error:
         raise CommandError(f"as_built: {folder}: cannot be written: {error.strerror}") from None
-    return deviation

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 FIELD = NDArray[np.float32]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def cutter_distance(radial: float, axial: float, radius: float, corner: float) -> float:
     """Signed distance (mm, negative inside) to an end mill that reaches upward for ever.
 
@@ -18,10 +18,10 @@ def cutter_distance(radial: float, axial: float, radius: float, corner: float) -
     r = radial - (radius - corner)
     z = corner - axial
     outside = np.sqrt(max(r, 0.0) ** 2 + max(z, 0.0) ** 2)
-    return outside + min(max(r, z), 0.0) - corner
+    return float(outside + min(max(r, z), 0.0) - corner)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def remove_piece(
     field: FIELD,
     origin: NDArray[np.float64],

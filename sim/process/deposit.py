@@ -17,7 +17,7 @@ OPEN_BELOW = -1e30  # mm: metal without an underside in reach
 LEVEL_STEPS = 40  # halvings of the level's bracket: 1e-12 of it remains
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _surface_below(column: FIELD, start: int, cell: float, deepest: int) -> float:
     """Height (cells, from index 0) of the highest metal at or below `start`, or -1 if none down to `deepest`."""
     top = column.shape[0] - 1
@@ -27,15 +27,15 @@ def _surface_below(column: FIELD, start: int, cell: float, deepest: int) -> floa
             k += 1
         if k == top:
             return float(top)
-        return k + column[k] / (column[k] - column[k + 1])
+        return float(k + column[k] / (column[k] - column[k + 1]))
     while k > deepest and column[k] >= 0.0:
         k -= 1
     if column[k] >= 0.0:
         return -1.0
-    return k + column[k] / (column[k] - column[k + 1])
+    return float(k + column[k] / (column[k] - column[k + 1]))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _level(height: NDArray[np.float64], cap: NDArray[np.float64], count: int, volume: float, column_area: float, rise: float) -> float:
     """Level at which caps over the columns hold `volume` (mm3): bisection on a monotone sum."""
     low = height[0]
@@ -53,10 +53,10 @@ def _level(height: NDArray[np.float64], cap: NDArray[np.float64], count: int, vo
             high = middle
         else:
             low = middle
-    return low
+    return float(low)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def add_piece(
     field: FIELD,
     origin: NDArray[np.float64],
@@ -145,7 +145,7 @@ def add_piece(
     return held
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _underside(column: FIELD, z0: float, cell: float, surface: float, deepest: float) -> float:
     """Height (mm) of the lower end of the metal that carries `surface`; OPEN_BELOW where it goes on below `deepest`."""
     k = int(np.ceil((surface - z0) / cell)) - 1
@@ -157,7 +157,7 @@ def _underside(column: FIELD, z0: float, cell: float, surface: float, deepest: f
     return z0 + (k + (column[k] / (column[k] - above) if above < 0.0 else 1.0)) * cell
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fill_column(column: FIELD, z0: float, cell: float, band: float, bottom: float, surface: float, top: float, cosine: float) -> None:
     """Raise one column's surface to `top` (mm); below the old surface only cells whose nearest surface it was sink deeper into the metal."""
     last = min(column.shape[0] - 1, int(np.ceil((top + band / cosine - z0) / cell)))
@@ -172,7 +172,7 @@ def _fill_column(column: FIELD, z0: float, cell: float, band: float, bottom: flo
             column[k] = max(-band, inside)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _drop_unsupported(
     index: NDArray[np.int64],
     height: NDArray[np.float64],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,8 +14,8 @@ from sim.trace import Trace
 Array = NDArray[np.float64]
 
 CONTACT_MM = 0.02  # a cutter that goes in less than this has only touched
-AXIS_TURN_COS = np.cos(np.radians(0.5))  # a piece ends where the tool axis has turned this far
-CHORD_COS = np.cos(np.radians(0.6))  # a cut ends where the path has turned this far: 0.005 mm of chord on a piece of 0.5 mm
+AXIS_TURN_COS = math.cos(math.radians(0.5))  # a piece ends where the tool axis has turned this far
+CHORD_COS = math.cos(math.radians(0.6))  # a cut ends where the path has turned this far: 0.005 mm of chord on a piece of 0.5 mm
 JOINED_MM = 1e-6
 
 
@@ -116,7 +118,7 @@ class _Open:
         if not self.goes_on(start, axis):
             return False
         chord, step = end - self.start, end - start
-        return float(chord @ step) > CHORD_COS * float(np.linalg.norm(chord) * np.linalg.norm(step))
+        return float(chord @ step) > CHORD_COS * float(np.linalg.norm(chord)) * float(np.linalg.norm(step))
 
     def extend(self, start: Array, end: Array, axis0: Array, axis1: Array, seconds: float, energy: float, powder: float) -> None:
         """Begin, or go on with, the piece."""

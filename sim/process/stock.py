@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,15 +46,25 @@ class Stock:
 
     def points(self) -> tuple[Array, Array, Array]:
         """Cell centres along x, y and z, mm."""
-        nx, ny, nz = self.field.shape
-        return tuple(self.origin[d] + self.cell_mm * np.arange(n) for d, n in enumerate((nx, ny, nz)))  # type: ignore[return-value]
+        x, y, z = (self.origin[d] + self.cell_mm * np.arange(n) for d, n in enumerate(self.field.shape))
+        return x, y, z
 
-    def fill_box(self, box: Array) -> None:
-        """Unite with a box. box : (2, 3) float, mm."""
+    def fill_box(self, box: Array, from_build: Array | None = None) -> None:
+        """Unite with a box.
+
+        box : (2, 3) float, mm, corners   from_build : (4, 4) float   Its frame, turned about z and shifted against the build frame.
+        """
         x, y, z = self.points()
-        gaps = [np.maximum(box[0, d] - axis, axis - box[1, d]) for d, axis in enumerate((x, y, z))]
-        inside = np.maximum(np.maximum(gaps[0][:, None, None], gaps[1][None, :, None]), gaps[2][None, None, :])
-        np.minimum(self.field, np.clip(inside, -self.band_mm, self.band_mm), out=self.field, casting="same_kind")
+        frame = np.eye(4) if from_build is None else from_build
+        u = frame[0, 0] * x[:, None] + frame[0, 1] * y[None, :] + frame[0, 3]
+        v = frame[1, 0] * x[:, None] + frame[1, 1] * y[None, :] + frame[1, 3]
+        w = frame[2, 2] * z + frame[2, 3]
+        gaps = [np.maximum(box[0, d] - axis, axis - box[1, d]) for d, axis in enumerate((u, v, w))]
+        self.unite(np.maximum(np.maximum(gaps[0], gaps[1])[:, :, None], gaps[2][None, None, :]))
+
+    def unite(self, distance: NDArray[np.floating[Any]]) -> None:
+        """Unite with a solid given by its signed distance on the grid, mm, negative inside; shape of the field."""
+        np.minimum(self.field, np.clip(distance, -self.band_mm, self.band_mm), out=self.field, casting="same_kind")
 
     def deposit(self, start: Array, end: Array, axis: Array, power_w: float, powder_g_min: float, seconds: float) -> float:
         """Add metal along one straight piece of the spot's path; returns the volume that stuck, mm3.

@@ -78,8 +78,24 @@ class Target:
         inside: NDArray[np.bool_] = np.bitwise_xor.accumulate(flips, axis=2).astype(bool)
         return inside
 
+    def field(self, origin: Array, cell_mm: float, shape: tuple[int, ...], band_mm: float) -> NDArray[np.float32]:
+        """Signed distance on a grid, mm: exact next to the surface, +-band elsewhere. -> shape float32"""
+        inside = self.inside_grid(origin, cell_mm, shape)
+        field = np.where(inside, -band_mm, band_mm).astype(np.float32)
+        edge = np.zeros(shape, dtype=bool)
+        for axis in range(3):
+            change = np.diff(inside, axis=axis)
+            before, after = [slice(None)] * 3, [slice(None)] * 3
+            before[axis], after[axis] = slice(None, -1), slice(1, None)
+            edge[tuple(before)] |= change
+            edge[tuple(after)] |= change
+        index = np.argwhere(edge)
+        if len(index):
+            field[edge] = self.signed_distance(origin + index * cell_mm)
+        return field
 
-@njit(cache=True)
+
+@njit(cache=True, nogil=True)
 def count_crossings(corners: Array, origin: Array, cell: float, flips: NDArray[np.uint8]) -> None:
     """Toggle, for each facet and each grid column through it, the first grid point above the crossing."""
     nx, ny, nz = flips.shape
@@ -115,7 +131,7 @@ def count_crossings(corners: Array, origin: Array, cell: float, flips: NDArray[n
                         flips[i, j, k] ^= 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def nearest_facet(points: Array, candidates: NDArray[np.int64], corners: Array, normals: Array) -> Array:
     """Signed distance from each point to the nearest of its candidate facets (Ericson, Real-Time Collision Detection, 5.1.5).
 
@@ -140,7 +156,7 @@ def nearest_facet(points: Array, candidates: NDArray[np.int64], corners: Array, 
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def closest_on_triangle(p: Array, a: Array, b: Array, c: Array) -> Array:
     """Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5). All (3,) float."""
     ab, ac, ap = b - a, c - a, p - a
@@ -153,16 +169,20 @@ def closest_on_triangle(p: Array, a: Array, b: Array, c: Array) -> Array:
         return b
     vc = d1 * d4 - d3 * d2
     if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return a + d1 / (d1 - d3) * ab
+        on_ab: Array = a + d1 / (d1 - d3) * ab
+        return on_ab
     cp = p - c
     d5, d6 = np.dot(ab, cp), np.dot(ac, cp)
     if d6 >= 0.0 and d5 <= d6:
         return c
     vb = d5 * d2 - d1 * d6
     if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return a + d2 / (d2 - d6) * ac
+        on_ac: Array = a + d2 / (d2 - d6) * ac
+        return on_ac
     va = d3 * d6 - d5 * d4
     if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        return b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)
+        on_bc: Array = b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)
+        return on_bc
     scale = 1.0 / (va + vb + vc)
-    return a + ab * (vb * scale) + ac * (vc * scale)
+    within: Array = a + ab * (vb * scale) + ac * (vc * scale)
+    return within

@@ -1,0 +1,39 @@
+"""What stands on the table after a run, written down: surface, figures with verdict, picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import trimesh
+
+from sim.compare import Deviation, compare
+from sim.picture import built_mesh, picture
+from sim.process.stock import Stock
+from sim.process.target import Target
+from sim.proof import is_within
+
+STL_NAME, JSON_NAME, PNG_NAME = "as_built.stl", "as_built.json", "as_built.png"
+
+
+def verdict(deviation: Deviation, tolerance_mm: float) -> dict[str, float | bool]:
+    """The figures, the tolerance and `passed`: 99 % of the surface within the tolerance and no more metal missing than a proof allows."""
+    return {**deviation.as_dict(), "tolerance_mm": tolerance_mm, "passed": is_within(deviation, tolerance_mm)}
+
+
+def write(stock: Stock, target: Target, tolerance_mm: float, directory: Path, name: str) -> dict[str, float | bool]:
+    """Measure the stock and write `as_built.stl`, `as_built.json` and `as_built.png` into `directory`; returns what the JSON holds.
+
+    target : the part, in the frame of the stock   tolerance_mm : bound on the 99th percentile   name : of the part, for the picture
+    Raises OSError when the directory cannot be written. Without any metal above the plate no STL is written.
+    """
+    deviation = compare(stock, target)
+    figures = verdict(deviation, tolerance_mm)
+    vertices, facets = built_mesh(stock, 0.0)
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / STL_NAME).unlink(missing_ok=True)
+    if len(facets):
+        trimesh.Trimesh(vertices, facets, process=False).export(directory / STL_NAME)
+    (directory / JSON_NAME).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    (directory / PNG_NAME).write_bytes(picture(stock, target, deviation, tolerance_mm, name))
+    return figures
