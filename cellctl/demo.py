@@ -19,7 +19,7 @@ from typing import Any
 import tomli_w
 
 from cellctl.cli import output
-from cellctl.client import Client
+from cellctl.client import Client, ServiceError
 from cellctl.demo_display import Display
 from config import Cell, load_cell
 from config.base import FACTS_DIR
@@ -30,7 +30,8 @@ RECIPE = FACTS_DIR / "parts" / "pipe.toml"
 START_S = 60.0
 POLL_S = 0.2
 SOCKET_PATH_MAX = 85  # of the run directory, so that the names of its sockets fit into 107 bytes
-RUNNING_LATE_S = 600.0
+STUCK_S = 60.0
+RECOVERIES = 3
 ENDED = ("completed", "failed", "aborted", "interrupted", "cancelled")
 Document = dict[str, Any]
 
@@ -89,6 +90,7 @@ class Demo:
         self._run_dir = self._out / "run"
         self._children: list[subprocess.Popen[bytes]] = []
         self._display = Display(quiet=as_json)
+        self._recoveries = 0
 
     def run(self) -> int:
         """Exit code: 0 if the part as built is within its tolerance. Raises DemoError, ServiceError, ConfigError."""
@@ -203,17 +205,36 @@ class Demo:
         ask_sim(self._run_dir / "sim.sock", {**command, "material": job["material"], "cell_mm": proof["cell_mm"]})
 
     def _until(self, client: Client, job_id: str, states: tuple[str, ...]) -> Document:
-        """Follow the job into one of these states. Raises DemoError if it stays held."""
-        held_since: float | None = None
+        """Follow the job into one of these states; on a fault do what an operator would, once looked at: reset and resume.
+
+        Raises DemoError if it stays held or queued.
+        """
+        stuck_since: float | None = None
         while True:
             job = client.job(job_id)
-            self._display.show(job, client.snapshot() if job["state"] in ("running", "held") else None)
+            snapshot = client.snapshot() if job["state"] in ("running", "held") else None
+            self._display.show(job, snapshot)
             if job["state"] in states:
                 return job
-            held_since = (held_since or time.monotonic()) if job["state"] in ("held", "queued") else None
-            if held_since is not None and time.monotonic() - held_since > START_S:
+            stuck_since = (stuck_since or time.monotonic()) if job["state"] in ("held", "queued") else None
+            if stuck_since is not None and time.monotonic() - stuck_since > STUCK_S:
                 raise DemoError(f"the job is {job['state']}: {job['why']}", "look at the console")
+            if snapshot is not None:
+                self._recover(client, snapshot)
             time.sleep(POLL_S)
+
+    def _recover(self, client: Client, snapshot: Document) -> None:
+        """Reset a latched fault and resume the held job, as often as RECOVERIES; a busy machine can delay a read-back."""
+        causes = "; ".join(alarm["cause"] for alarm in snapshot["alarms"])
+        with suppress(ServiceError):  # refused as long as the cause is there, and asked again
+            if snapshot["state"] == "FAULT" and self._recoveries < RECOVERIES:
+                client.command("reset", f"demo: looked at it: {causes}")
+                self._recoveries += 1
+                self._say(
+                    f"fault: {causes}; laser and powder were off; reset ({self._recoveries} of at most {RECOVERIES})"
+                )
+            elif snapshot["state"] == "HELD" and self._recoveries:
+                client.command("resume", "demo: the fault is reset")
 
     def _measure(self, client: Client, job: Document) -> Document:
         """What stands in the simulated machine against the part, and the record."""
@@ -227,15 +248,8 @@ class Demo:
             deviation["p99_mm"] <= tolerance_mm and deviation["missing_mm3"] <= MISSING_SHARE * deviation["part_mm3"]
         )
         files = sorted(path.name for path in folder.iterdir())
-        return {
-            "passed": within,
-            "job": job["id"],
-            "url": client.url,
-            "tolerance_mm": tolerance_mm,
-            "deviation": deviation,
-            "folder": str(folder),
-            "files": files,
-        }
+        seen = {"faults_reset": self._recoveries, "tolerance_mm": tolerance_mm, "deviation": deviation}
+        return {"passed": within, "job": job["id"], "url": client.url, "folder": str(folder), "files": files, **seen}
 
     def _tell(self, result: Document) -> None:
         """The end: figures, files, verdict."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import typer
 
 from cellctl.cli import files, remote, service, tokens
@@ -14,12 +16,13 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (service.demo, service.serve, service.sim, service.doctor):
-    app.command(rich_help_panel="Service")(command)
-for command in (files.plan, files.show, files.post, files.prove):
-    app.command(rich_help_panel="Files")(command)
-for command in (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record):
-    app.command(rich_help_panel="Jobs")(command)
-for command in (remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home):
-    app.command(rich_help_panel="Cell")(command)
+COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Service": (service.demo, service.serve, service.sim, service.doctor),
+    "Files": (files.plan, files.show, files.post, files.prove),
+    "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record),
+    "Cell": (remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home),
+}
+for panel, commands in COMMANDS.items():
+    for command in commands:
+        app.command(rich_help_panel=panel)(command)
 app.add_typer(tokens.app, name="token", rich_help_panel="Service")
