@@ -1,0 +1,138 @@
+"""The unix socket: versioned, private, newest snapshot wins, events in order."""
+
+from __future__ import annotations
+
+import asyncio
+import stat
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from cellctl.cell.ipc import HEADER, IpcServer, encode, read_message
+from cellctl.domain.messages import PROTOCOL, Command, Event, Hello, Live, Reply
+from cellctl.domain.snapshot import Snapshot
+
+
+async def answer(command: Command) -> Reply:
+    if command.verb == "slow":
+        await asyncio.sleep(0.2)
+    return Reply(command.id, True, data={"verb": command.verb})
+
+
+@pytest.fixture
+async def server(tmp_path: Path) -> AsyncIterator[IpcServer]:
+    one = IpcServer(answer, "test cell")
+    await one.start(tmp_path / "cell.sock")
+    yield one
+    await one.close()
+
+
+class Client:
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.reader, self.writer = reader, writer
+
+    @classmethod
+    async def connect(cls, path: Path, protocol: int = PROTOCOL) -> Client:
+        client = cls(*await asyncio.open_unix_connection(path))
+        client.writer.write(encode(Hello(protocol, "test")))
+        return client
+
+    async def read(self) -> object:
+        return await asyncio.wait_for(read_message(self.reader), 5)
+
+    async def close(self) -> None:
+        self.writer.close()
+        await self.writer.wait_closed()
+
+
+def snapshot(seq: int) -> Snapshot:
+    return Snapshot(seq=seq, at=0.0, cell="c", mode="sim", state="IDLE", execution="READY", because="x" * 2000)
+
+
+async def test_the_socket_is_private_and_greets_with_its_version(server: IpcServer, tmp_path: Path) -> None:
+    assert stat.S_IMODE((tmp_path / "cell.sock").stat().st_mode) == 0o600
+    client = await Client.connect(tmp_path / "cell.sock")
+    assert await client.read() == Hello(PROTOCOL, "test cell")
+    await client.close()
+
+
+async def test_another_version_is_refused_with_one_line(server: IpcServer, tmp_path: Path) -> None:
+    client = await Client.connect(tmp_path / "cell.sock", protocol=PROTOCOL + 1)
+    reply = await client.read()
+    assert isinstance(reply, Reply) and not reply.ok and "protocol" in reply.error
+    assert await client.reader.read() == b""
+    await client.close()
+
+
+@pytest.mark.parametrize("frame", [HEADER.pack(1 << 30), HEADER.pack(3) + b"\xff\xff\xff"])
+async def test_a_frame_that_is_too_long_or_not_ours_is_refused_and_the_server_lives(server: IpcServer, tmp_path: Path, frame: bytes) -> None:
+    client = await Client.connect(tmp_path / "cell.sock")
+    await client.read()
+    client.writer.write(frame)
+    reply = await client.read()
+    assert isinstance(reply, Reply) and not reply.ok
+    await client.close()
+    other = await Client.connect(tmp_path / "cell.sock")
+    assert isinstance(await other.read(), Hello)
+    await other.close()
+
+
+async def test_a_stop_overtakes_a_command_that_takes_long(server: IpcServer, tmp_path: Path) -> None:
+    client = await Client.connect(tmp_path / "cell.sock")
+    await client.read()
+    client.writer.write(encode(Command("1", "slow", "me", "")) + encode(Command("2", "stop", "me", "")))
+    replies = [await client.read(), await client.read()]
+    assert [reply.id for reply in replies if isinstance(reply, Reply)] == ["2", "1"]
+    await client.close()
+
+
+async def test_a_slow_client_gets_the_newest_snapshot_and_delays_nobody(server: IpcServer, tmp_path: Path) -> None:
+    slow, quick = await Client.connect(tmp_path / "cell.sock"), await Client.connect(tmp_path / "cell.sock")
+    await slow.read()
+    await quick.read()
+    last = 3000
+    for seq in range(1, last + 1):
+        server.publish(snapshot(seq))
+        if seq % 50 == 0:
+            await asyncio.sleep(0)
+    seen: list[int] = []
+    while not seen or seen[-1] != last:
+        message = await quick.read()
+        assert isinstance(message, Live)
+        seen.append(message.snapshot.seq)
+    late: list[int] = []
+    while not late or late[-1] != last:
+        message = await slow.read()
+        assert isinstance(message, Live)
+        late.append(message.snapshot.seq)
+    assert late == sorted(late) and len(late) < last / 2
+    await slow.close()
+    await quick.close()
+
+
+async def test_events_come_complete_and_in_order_between_snapshots(server: IpcServer, tmp_path: Path) -> None:
+    client = await Client.connect(tmp_path / "cell.sock")
+    await client.read()
+    for seq in range(1, 101):
+        server.broadcast([Event(seq, 0.0, "state", "x")])
+        server.publish(snapshot(seq))
+    numbers: list[int] = []
+    while len(numbers) < 100:
+        message = await client.read()
+        if isinstance(message, Event):
+            numbers.append(message.seq)
+    assert numbers == list(range(1, 101))
+    await client.close()
+
+
+async def test_a_second_cell_process_on_the_same_socket_is_refused_and_a_stale_one_is_replaced(tmp_path: Path) -> None:
+    first, second = IpcServer(answer, "a"), IpcServer(answer, "b")
+    await first.start(tmp_path / "s")
+    with pytest.raises(FileExistsError, match="another cell process"):
+        await second.start(tmp_path / "s")
+    await first.close()
+    (tmp_path / "s").touch()
+    await second.start(tmp_path / "s")
+    await second.close()
+    assert not (tmp_path / "s").exists()
