@@ -38,8 +38,8 @@ OVERRIDE_PERCENT = (10, 200)
 class CncLine:
     """One serial line to one CNC.
 
-    Synchronous calls never wait. Whoever owns the driver calls `pump` when `fileno` is readable, after `due_in_s`, and at
-    every tick; awaited commands pump by themselves and keep the events for the next `pump`.
+    Nothing here waits. The owner calls `pump` when `fileno` is readable, after `due_in_s`, and at every tick; awaited
+    commands pump by themselves and keep the events for the next `pump`.
     """
 
     def __init__(self, port: BytePort, facts: Cnc, letters: tuple[str, ...], clock: Clock) -> None:

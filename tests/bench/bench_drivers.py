@@ -80,19 +80,27 @@ async def stream(path: str, rx: int, baud: int, pipe: Connection) -> tuple[float
     await asyncio.sleep(0.01)
     driver.load(five_axis_lines(LINES))
     driver.release(LINES)
-    loop, readable = asyncio.get_running_loop(), asyncio.Event()
-    loop.add_reader(cast(int, driver.fileno()), readable.set)
+    loop, drained = asyncio.get_running_loop(), asyncio.Event()
     began, cpu = time.monotonic(), time.process_time()
     asked: list[float] = []
-    while not driver.is_drained:
-        readable.clear()
+    timer: asyncio.Handle = loop.call_soon(lambda: None)
+
+    def pump() -> None:
+        """As the cell does: when bytes come, and when the pacing lets more go."""
+        nonlocal timer
+        timer.cancel()
         driver.pump()
         if len(asked) < HOLDS and time.monotonic() - began > 0.05 * (len(asked) + 1):
             asked.append(time.monotonic())
             driver.hold()
-        timer = loop.call_later(max(driver.due_in_s(), 0.0002), readable.set)
-        await readable.wait()
-        timer.cancel()
+        if driver.is_drained:
+            drained.set()
+        else:
+            timer = loop.call_later(max(driver.due_in_s(), 0.0002), pump)
+
+    loop.add_reader(cast(int, driver.fileno()), pump)
+    pump()
+    await drained.wait()
     seconds, cpu = time.monotonic() - began, time.process_time() - cpu
     loop.remove_reader(cast(int, driver.fileno()))
     driver.close()

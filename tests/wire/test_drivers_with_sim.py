@@ -290,6 +290,7 @@ async def test_silent_serial_line_is_seen_by_the_age_of_the_status(tmp_path: Pat
         await bench.until(lambda: cnc.status is not None and cnc.clock.now() - cnc.status.at > 0.5)
         bench.world.faults.add("serial_ok")
         await bench.until(lambda: cnc.status is not None and cnc.clock.now() - cnc.status.at < 0.2)
+        assert cnc.is_connected
 
 
 async def test_feed_override_is_reported_back_by_the_controller(tmp_path: Path) -> None:
@@ -297,7 +298,8 @@ async def test_feed_override_is_reported_back_by_the_controller(tmp_path: Path) 
         await bench.ready()
         cnc = bench.drivers.cnc
         cnc.feed_override(63)
-        await bench.until(lambda: cnc.status is not None and cnc.status.overrides[0] == 63)
+        await bench.until(lambda: cnc.status is not None and cnc.status.overrides[0] != 100)
+        assert cnc.status is not None and cnc.status.overrides == (63, 100, 100)
 
 
 async def test_offsets_settings_and_jog_are_answered(tmp_path: Path) -> None:

@@ -249,7 +249,8 @@ async def test_write_that_vanished_is_written_again(server: RawModbus) -> None:
     server.devices[1].lose_writes = 1
     laser.set_power(321.0)
     await laser.cycle()
-    await until(laser.client, lambda: server.devices[1].words["holding"][0] == 3210)
+    await until(laser.client, lambda: laser.last_error is None and laser.connected)
+    assert server.devices[1].words["holding"][0] == 3210
     await link.close()
 
 
@@ -257,7 +258,8 @@ async def test_device_that_does_not_echo_the_heartbeat_is_told(server: RawModbus
     link = await link_to(server, "tcp")
     laser = Laser(DeviceClient(LASER, 1, link, SystemClock()))
     server.devices[1].copies.pop(("holding", 1))
-    await until(laser.client, lambda: any("heartbeat" in fault for fault in laser.faults))
+    await until(laser.client, lambda: bool(laser.faults))
+    assert laser.faults == ["generic fibre laser: does not follow the heartbeat, its dead-man cannot be trusted"]
     await link.close()
 
 
