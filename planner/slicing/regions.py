@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 
 SAME_MM = 1e-4
 """Sections nearer than this to each other count as one: a hundredth of what a five-axis machine holds."""
+_INSIDE = 2e-6
+"""Of the part's height: how far inside a layer its bottom and top sections are taken. Flat faces in 32-bit coordinates
+are level only to 1e-6 of the part; a section taken in the face itself might fall on either side of it."""
 _GRID_MM = 1e-6  # unions are made on this grid, so that nearly equal outlines leave no slivers
 
 
@@ -90,8 +93,9 @@ def layer_regions(mesh: Mesh, levels: Floats) -> list[LayerRegion]:
     mesh : in the build frame   levels : (n+1,) float, mm, increasing.
     """
     lower, upper = levels[:-1], levels[1:]
-    above = slice_mesh(mesh, _planes(np.concatenate([lower, 0.5 * (lower + upper)])), "above")
-    below = slice_mesh(mesh, _planes(upper), "below")
+    inside = _INSIDE * float(levels[-1] - levels[0])
+    above = slice_mesh(mesh, _planes(np.concatenate([lower + inside, 0.5 * (lower + upper)])), "above")
+    below = slice_mesh(mesh, _planes(upper - inside), "below")
     count = len(lower)
     shapes = [section.to_shapely() for section in [*above, *below]]
     layers: list[LayerRegion] = []

@@ -15,7 +15,6 @@ from planner.recipe import Recipe
 from planner.slicing.layers import layer_levels
 from planner.slicing.regions import layer_regions
 from planner.toolpath.centreline import thin_parts
-from planner.toolpath.contour import edge_mm
 from tests.unit.planner.small_parts import box, frustum, lit_points, tube
 
 QUICK = Recipe(layer_height_mm=0.8)
@@ -44,8 +43,9 @@ def wanted(layer: Layer, settings: Settings) -> MultiPolygon:
     region = rings[0].buffer(0).union(Polygon(rings[0]))
     for contour, loop in zip(layer.contours[1:], rings[1:], strict=True):
         region = region.difference(Polygon(loop)) if contour.is_hole else region.union(Polygon(loop))
-    bead = settings.bead_for(float(layer.top[2] - layer.bottom[2]))
-    return outset(region, settings.allowance_mm + edge_mm(bead, settings))
+    width = layer.operations[0].bead_width_mm
+    edge = 0.5 * (1.0 - settings.step_over) * width if settings.is_milled else 0.0
+    return outset(region, settings.allowance_mm + edge)
 
 
 @pytest.mark.parametrize("process", ["hybrid", "deposit"])
@@ -61,14 +61,13 @@ def test_beads_cover_the_grown_region_with_less_than_one_percent_void_and_stay_i
 
 
 def test_metal_on_the_passes_is_the_metal_that_the_layers_take(ring: Plan) -> None:
-    settings = Settings.from_recipe(QUICK)
-    bead = settings.bead_for(0.8)
     laid = 0.0
     for operation in ring.operations:
         if operation.process.is_deposit:
+            area_mm2 = operation.bead_height_mm * Settings.from_recipe(QUICK).step_over * operation.bead_width_mm
             for step in operation.passes:
                 ends = np.append(step.setpoints[1:, 0], step.tip.length)
-                laid += float(((ends - step.setpoints[:, 0]) * (step.setpoints[:, 2] > 0.0)).sum()) * bead.area_mm2
+                laid += float(((ends - step.setpoints[:, 0]) * (step.setpoints[:, 2] > 0.0)).sum()) * area_mm2
     assert laid == pytest.approx(ring.volumes_mm3["deposited"], rel=0.02)
 
 
