@@ -44,7 +44,7 @@ class Workshop:
         await self._rest()
         cell_mm = float(command.get("cell_mm", self._cell_mm))
         if self._thread is None:
-            self._thread = ThreadPoolExecutor(1, thread_name_prefix="asyncio_metal")
+            self._thread = ThreadPoolExecutor(1, thread_name_prefix="metal")
         loop = asyncio.get_running_loop()
         arguments = (
             str(command.get("mesh", "")),

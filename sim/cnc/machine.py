@@ -159,13 +159,14 @@ class Machine:
     def advance(self, left: float, stop_count: int) -> float:
         """Let at most `left` seconds go by; returns the time used. `stop_count` as in lookahead.advance."""
         used = 0.0
-        if self.motion.count and not self.alarm and (not self.is_suspended or self.motion.speed > 0.0):
+        blocks = self.motion.count
+        if blocks and not self.alarm and (not self.is_suspended or self.motion.speed > 0.0):
             used = self.motion.advance(left, self.is_suspended, stop_count)
             if self.is_suspended and self.motion.speed == 0.0:
                 self._stand()
             elif not self.motion.count:
                 self._moves_done()
-        if used <= TIME_EPS_S:
+        if used <= 0.0 and self.motion.count == blocks:
             used = self._wait(left)
         self._turn_spindle(used)
         return used

@@ -264,3 +264,25 @@ def test_a_program_fed_by_supply_is_followed_with_large_steps() -> None:
     unique = list(dict.fromkeys(passed))
     assert all(b > a for a, b in pairwise(unique))
     assert unique[-1] == 2000
+
+
+def test_a_program_takes_the_same_time_and_stands_nowhere_whatever_the_step() -> None:
+    def ends(step: float) -> dict[int, float]:
+        machine = Firmware(CELL)
+        lines = iter([f"N{k} G1 X{20 * math.cos(k / 60):.3f} Y{20 * math.sin(k / 60):.3f} F600\n".encode() for k in range(1, 601)])
+        machine.supply = lambda free: next(lines, b"")
+        machine.step(1e-9)
+        elapsed, found = 0.0, dict[int, float]()
+        while machine.machine.motion.count:
+            machine.step(step)
+            for piece in machine.machine.motion.pieces:
+                moves = np.any(piece[la.FROM : la.FROM + 5] != piece[la.TO : la.TO + 5])
+                assert moves or not piece[la.PIECE_LINE] or piece[la.DURATION] < 1e-6
+                elapsed += piece[la.DURATION]
+                found[int(piece[la.PIECE_LINE])] = elapsed
+        return {line: time for line, time in found.items() if line}
+
+    reference = ends(0.005)
+    assert len(reference) == 600
+    for step in (0.05, 0.7, 9.0):
+        assert ends(step) == pytest.approx(reference, abs=1e-4)
