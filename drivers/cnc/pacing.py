@@ -6,7 +6,7 @@ Written bytes cannot be overtaken: what stands in the operating system's queue i
 from __future__ import annotations
 
 AHEAD_S = 0.002  # a `!` waits at most this long behind what is already written
-REFILL = 0.25  # part of that which still stands when more is written: fewer wake-ups, and the line does not run dry
+REFILL = 0.5  # part of that which still stands when more is written: timers of the event loop are rounded up to 1 ms
 BITS_PER_BYTE = 10  # start, 8 data, stop
 LEAST_BYTES = 8  # at very low baud rates still more than one byte at a time
 

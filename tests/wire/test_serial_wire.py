@@ -126,7 +126,9 @@ def test_silence_is_no_bytes_and_a_vanished_device_is_link_lost(line: Line) -> N
         port.read()
 
 
-async def test_silent_controller_is_one_clear_line(line: Line) -> None:
+async def test_silent_controller_is_one_clear_line(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.cnc.driver.ANSWER_S", 0.3)
+    monkeypatch.setattr("drivers.cnc.driver.RESET_S", 0.3)
     line.cnc.is_mute = True
     driver = driver_on(line)
     with pytest.raises(DeviceSilent, match="does not answer at 115200 baud"):
