@@ -1,6 +1,8 @@
-"""The milling of tops and walls as operations, and findings on what the cutter cannot reach."""
+"""The milling of tops and walls as operations, and what the cutter leaves."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import shapely
 from shapely import MultiPolygon
@@ -36,12 +38,12 @@ def face_operation(
 
 def side_operation(
     band: Band, below: LayerRegion | None, excess_mm: float, settings: Settings
-) -> tuple[Operation | None, list[str]]:
-    """Milling of a band's walls, and findings.
+) -> tuple[Operation | None, list[Left]]:
+    """Milling of a band's walls, and what it leaves.
 
     below : the finished layer under the band, None for the substrate   excess_mm : metal outside the walls.
     """
-    findings = _unreached_findings(band, settings)
+    left = _left_by_the_cutter(band, settings)
     note: str = band.kind
     passes = _ruled_passes(band, below, excess_mm, settings) if band.kind == "ruled" else []
     if not passes:
@@ -49,14 +51,9 @@ def side_operation(
         passes = upright_passes(band.region, band.z_bottom, excess_mm, settings)
         if _may_reach_under(band, below, passes, settings):
             passes = upright_passes(band.region, band.z_bottom - OVERLAP_MM, excess_mm, settings)
-    if note == "stepped":
-        findings.append(
-            f"layers {band.first}-{band.last}: the flank cannot follow the wall; it is milled upright outside it and keeps cusps"
-        )
-    if not passes:
-        findings.append(f"layers {band.first}-{band.last}: no wall that the cutter reaches; side milling left out")
-        return None, findings
-    return _milled(Process.MILL_SIDE, band.last, passes, settings, note), findings
+    if note == "stepped" or not passes:
+        left.append(Left("cusps" if passes else "none", band.z_bottom, band.z_top, "", 0, 0.0))
+    return (_milled(Process.MILL_SIDE, band.last, passes, settings, note) if passes else None), left
 
 
 def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings, note: str) -> Operation:
@@ -101,20 +98,52 @@ def _ruled_passes(band: Band, below: LayerRegion | None, excess_mm: float, setti
     return passes
 
 
-def _unreached_findings(band: Band, settings: Settings) -> list[str]:
-    """What the cutter leaves in the band's holes, slots and inside corners, one line each."""
+@dataclass(frozen=True)
+class Left:
+    """What side milling leaves in one band.  kind : "closed", "corners", "cusps" or "none"   volume_mm3 : of the metal."""
+
+    kind: str
+    z_bottom: float
+    z_top: float
+    place: str
+    count: int
+    volume_mm3: float
+
+
+def _left_by_the_cutter(band: Band, settings: Settings) -> list[Left]:
+    """What the cutter does not reach in the band's holes, slots and inside corners."""
     left = unreached(band.region, settings.cutter_radius_mm)
     height = band.z_top - band.z_bottom
-    findings = []
-    if left.closed.geoms:
-        findings.append(
-            f"z {band.z_bottom:.2f}-{band.z_top:.2f} mm: {len(left.closed.geoms)} holes or slots at {places(left.closed)} mm "
-            f"are narrower than the cutter (D {settings.cutter_diameter_mm:g} mm) and stay unmilled"
-        )
-    if left.corners.geoms:
-        findings.append(
-            f"z {band.z_bottom:.2f}-{band.z_top:.2f} mm: {len(left.corners.geoms)} inside corners at "
-            f"{places(left.corners)} mm keep the cutter's radius {settings.cutter_radius_mm:g} mm "
-            f"({left.corners.area * height:.2f} mm³)"
-        )
-    return findings
+    return [
+        Left(kind, band.z_bottom, band.z_top, places(area), len(area.geoms), area.area * height)
+        for kind, area in (("closed", left.closed), ("corners", left.corners))
+        if area.geoms
+    ]
+
+
+def left_findings(left: list[Left], settings: Settings) -> list[str]:
+    """One line for each run of touching bands that leave the same kind of thing."""
+    runs: dict[str, list[list[Left]]] = {}
+    for item in left:
+        known = runs.setdefault(item.kind, [])
+        if known and abs(known[-1][-1].z_top - item.z_bottom) < 1e-6:
+            known[-1].append(item)
+        else:
+            known.append([item])
+    diameter = settings.cutter_diameter_mm
+    words = {
+        "closed": f"holes or slots are narrower than the cutter (D {diameter:g} mm) and stay unmilled",
+        "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
+        "cusps": "the flank cannot follow the wall: it is milled upright outside it and keeps its steps",
+        "none": "the cutter reaches no wall: side milling left out",
+    }
+    return [_left_line(run, words[kind]) for kind, found in runs.items() for run in found]
+
+
+def _left_line(run: list[Left], words: str) -> str:
+    height = f"z {run[0].z_bottom:.2f}-{run[-1].z_top:.2f} mm"
+    most = max(item.count for item in run)
+    if not most:
+        return f"{height}: {words}"
+    volume = sum(item.volume_mm3 for item in run)
+    return f"{height}: {most} {words}, {volume:.1f} mm³, first at {run[0].place} mm"

@@ -13,7 +13,7 @@ from planner.plan import Operation
 from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
 from planner.toolpath.bands import Band
-from planner.toolpath.cut import BULGE, face_operation, side_operation
+from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operation
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
 from planner.toolpath.links import Pose, linked
 
@@ -36,6 +36,7 @@ class Sequence:
     deposited_mm3: float = 0.0
     findings: list[str] = field(default_factory=list)
     dropped: list[Dropped] = field(default_factory=list)
+    left: list[Left] = field(default_factory=list)
     operations: dict[int, list[Operation]] = field(default_factory=dict)
 
     def add(self, operation: Operation, layer: int) -> None:
@@ -64,8 +65,8 @@ class Sequence:
 
     def mill(self, band: Band, below: LayerRegion | None, excess_mm: float) -> None:
         """The milling of a band's walls."""
-        operation, findings = side_operation(band, below, excess_mm, self.settings)
-        self.findings.extend(findings)
+        operation, left = side_operation(band, below, excess_mm, self.settings)
+        self.left.extend(left)
         if operation is not None:
             self.add(operation, band.last)
 
@@ -101,7 +102,7 @@ def build_up(
             f"{THINNEST:g} of the bead's width",
             "choose less power, more speed or a larger stock allowance",
         )
-    sequence.findings[:0] = dropped_findings(sequence.dropped)
+    sequence.findings += [*dropped_findings(sequence.dropped), *left_findings(sequence.left, settings)]
     return sequence
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,7 @@ def made(request: pytest.FixtureRequest) -> Plan:
 
 def test_every_pass_begins_in_the_pose_in_which_the_last_one_ended(made: Plan) -> None:
     steps = [step for _, step in steps_of(made)]
-    for before, after in zip(steps[:-1], steps[1:], strict=True):
+    for before, after in pairwise(steps):
         assert np.abs(end_of(before).tip - start_of(after).tip).max() < 1e-9
         assert np.abs(end_of(before).axis - start_of(after).axis).max() < 1e-9
 
