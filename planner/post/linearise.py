@@ -24,6 +24,7 @@ _MERGE_SHARE = 0.8
 _MERGE_SHARE_TURNING = 0.5
 _PROBES = (0.25, 0.5, 0.75)  # of a move, where its true path is compared with the pass
 _MAX_HALVINGS = 26  # 2^-26 of a span of the curve: a pose that still jumps there jumps
+_MERGE_PROBES = 24  # rows looked at in a long merged move: it is smooth, and the written text is read back all along
 _STANDS_DEG = 1e-7  # rotary motion below it moves the tip by less than a rounding error
 
 
@@ -82,11 +83,11 @@ def linearise(
             "the tool axis passes a singular pose or the end of a travel: turn the part on the table (placement.rotation_deg)",
         )
     fixed = np.concatenate([sample.is_fixed for sample in samples])
-    scale = _sensitivity(solver.chain, poses.joints, solver.tool_tip_mm)
-    angular = np.array([1.0 if joint in solver.pair.columns else 0.0 for joint in range(5)])
+    per_joint = _sensitivity(solver.chain, poses.joints, solver.tool_tip_mm)
+    is_rotary = np.isin(np.arange(5), solver.pair.columns)
     share = np.where(_turns(curves, solver, rows, poses), _MERGE_SHARE_TURNING, _MERGE_SHARE)
     budget = share[:, None] * np.array([tip_tolerance_mm, axis_tolerance_deg])
-    kept = _merged(poses.joints, rows.arc_mm, fixed, scale, angular, budget)
+    kept = _merged(poses.joints, rows.arc_mm, fixed, per_joint, is_rotary, budget)
     return LinearOperation(_only(rows, kept), Poses(poses.joints[kept], poses.needs_positioning[kept]))
 
 
@@ -150,14 +151,14 @@ def _halve(curves: Sequence[PassCurve], samples: list[_Samples], rows: Rows, wid
 
 
 def _sensitivity(chain: Chain, joints: Floats, tool_tip_mm: Floats) -> Floats:
-    """(5,) float: greatest motion of the tip, mm, per mm or degree of each joint along these poses (central differences)."""
-    result = np.ones(5)
-    for joint in chain.rotary:
+    """(n, 6, 5) float: motion of the tip, mm, and of the axis, deg, per mm or degree of each joint (central differences)."""
+    result = np.empty((len(joints), 6, 5))
+    for column in range(5):
         step = np.zeros(5)
-        step[joint.column] = 0.5
-        ahead = chain.forward(joints + step, tool_tip_mm)[0]
-        behind = chain.forward(joints - step, tool_tip_mm)[0]
-        result[joint.column] = np.linalg.norm(ahead - behind, axis=1).max()
+        step[column] = 0.01
+        ahead, behind = chain.forward(joints + step, tool_tip_mm), chain.forward(joints - step, tool_tip_mm)
+        result[:, :3, column] = (ahead[0] - behind[0]) / 0.02
+        result[:, 3:, column] = np.rad2deg(ahead[1] - behind[1]) / 0.02
     return result
 
 
@@ -167,37 +168,45 @@ def angle_between_deg(first: Floats, second: Floats) -> Floats:
 
 
 @njit(cache=True)
-def _merged(joints: Floats, arc_mm: Floats, fixed: Bools, scale: Floats, angular: Floats, budget: Floats) -> Bools:
-    """Which rows stay when each move is stretched as far as every row that it skips lies within its budget (n, 2), mm and deg, of it.
-
-    The distance is taken at equal share of the arc length: linear joints together, plus each rotary one times its reach.
-    """
+def _merged(joints: Floats, arc_mm: Floats, fixed: Bools, per_joint: Floats, is_rotary: Bools, budget: Floats) -> Bools:
+    """Which rows stay when each move is stretched as far as every row that it skips lies within its budget (n, 2), mm and deg, of it."""
     n = len(joints)
     kept = fixed.copy()
     begin = 0
     while begin < n - 1:
-        if fixed[begin + 1]:
-            begin += 1
-            continue
         end = begin + 1
         while end + 1 < n and not fixed[end]:
-            candidate = end + 1
-            span = arc_mm[candidate] - arc_mm[begin]
+            span = arc_mm[end + 1] - arc_mm[begin]
             good = span > 0.0
-            for row in range(begin + 1, candidate):
-                if not good:
-                    break
+            stride = 1 + (end - begin) // _MERGE_PROBES
+            row = end
+            while good and row > begin:
                 share = (arc_mm[row] - arc_mm[begin]) / span
-                straight, turned, angle = 0.0, 0.0, 0.0
-                for k in range(5):
-                    off = abs(joints[begin, k] + share * (joints[candidate, k] - joints[begin, k]) - joints[row, k])
-                    straight += (1.0 - angular[k]) * off * off
-                    turned += angular[k] * off * scale[k]
-                    angle += angular[k] * off
-                good = np.sqrt(straight) + turned <= budget[row, 0] and angle <= budget[row, 1]
+                off = joints[begin] + share * (joints[end + 1] - joints[begin]) - joints[row]
+                good = _is_near(off, per_joint[row], is_rotary, budget[row])
+                row -= stride
             if not good:
                 break
-            end = candidate
+            end += 1
         kept[end] = True
         begin = end
     return kept
+
+
+@njit(cache=True)
+def _is_near(off: Floats, per_joint: Floats, is_rotary: Bools, budget: Floats) -> bool:
+    """Whether joints that are off (5,) bring tip and axis within the budget: to first order, and a bound of the second."""
+    tip2, axis2, turn, reach = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        tip, axis = 0.0, 0.0
+        for j in range(5):
+            tip += per_joint[k, j] * off[j]
+            axis += per_joint[3 + k, j] * off[j]
+        tip2 += tip * tip
+        axis2 += axis * axis
+    for j in range(5):
+        if is_rotary[j]:
+            turn += np.deg2rad(abs(off[j]))
+            reach += np.rad2deg(np.sqrt(per_joint[0, j] ** 2 + per_joint[1, j] ** 2 + per_joint[2, j] ** 2))
+    second = 0.5 * turn * turn
+    return bool(np.sqrt(tip2) + second * reach <= budget[0] and np.sqrt(axis2) + np.rad2deg(second) <= budget[1])
