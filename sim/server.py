@@ -73,14 +73,13 @@ class SimServer:
         if len(os.fsencode(self.run_dir / "sim.sock")) > SOCKET_PATH_MAX:
             raise WireError(f"{self.run_dir}: too long for a socket's name", "use a shorter run directory")
         self.cell = await self._wires.open()
-        try:
+        async with contextlib.AsyncExitStack() as undo:
+            undo.push_async_callback(self.close)
             if self._mesh_path is not None:
                 await self.workshop.clamp({"mesh": str(self._mesh_path)})
             await self._control.open()
             write_cell(self.cell, self.cell_file)
-        except BaseException:
-            await self.close()
-            raise
+            undo.pop_all()
 
     def stop(self) -> None:
         """Have `run` come back."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import tempfile
 from collections.abc import Callable
@@ -53,16 +54,15 @@ class Wires:
 
         Raises WireError when a name or a port is taken; then nothing stays open.
         """
-        try:
-            self._open_serial()
-            self._open_lines()
+        async with contextlib.AsyncExitStack() as undo:
+            undo.push_async_callback(self.close)
+            try:
+                self._open_serial()
+                self._open_lines()
+            except TerminalError as error:
+                raise WireError(error.message, error.hint) from None
             await self._open_sockets()
-        except TerminalError as error:
-            await self.close()
-            raise WireError(error.message, error.hint) from None
-        except BaseException:
-            await self.close()
-            raise
+            undo.pop_all()
         cnc = self._cell.cnc.model_copy(update={"port": self._port, "baud": self._baud})
         return self._cell.model_copy(update={"cnc": cnc, "links": self._links})
 
