@@ -55,6 +55,8 @@ class CellUnderTest:
         self.events: list[Event] = []
         self.ids = itertools.count(1)
         self.max_standstill_emission_w = 0.0
+        self.standstill_s = 0.0  # wire time of light at standstill, longest in one go
+        self._standing_s = 0.0
         self.burnt_lines: set[int] = set()
         self.is_alive = False
         self.is_ticking = True
@@ -152,10 +154,15 @@ class CellUnderTest:
         """Note at the plant what must never be: light at standstill."""
         trace = self.sim.trace
         for k in range(len(trace.dt)):
-            if trace.emission_w[k] > DARK_W:
+            is_lit = trace.emission_w[k] > DARK_W
+            if is_lit:
                 self.burnt_lines.add(int(trace.line[k]))
-                if trace.dt[k] > 0 and abs(trace.tip1[k] - trace.tip0[k]).max() == 0.0:
-                    self.max_standstill_emission_w = max(self.max_standstill_emission_w, float(trace.emission_w[k]))
+            if is_lit and trace.dt[k] > 0 and abs(trace.tip1[k] - trace.tip0[k]).max() == 0.0:
+                self.max_standstill_emission_w = max(self.max_standstill_emission_w, float(trace.emission_w[k]))
+                self._standing_s += float(trace.dt[k]) / self.time_scale
+                self.standstill_s = max(self.standstill_s, self._standing_s)
+            elif trace.dt[k] > 0:
+                self._standing_s = 0.0
 
     # -- commands ------------------------------------------------------------------------------------------------------
 
