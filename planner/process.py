@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from config import ConfigError, load_material
 from config.material import Material, Window
@@ -147,10 +147,6 @@ class Settings:
         area = law.catch_efficiency * powder_g_min / 60.0 / (self.material.density_g_mm3 * speed_mm_s)
         width = law.width_coefficient * laser_w**law.width_power_exponent * speed_mm_s**law.width_speed_exponent
         return Bead(speed_mm_s, laser_w, powder_g_min, width, area, self.step_over * width)
-
-    def with_direction(self, direction: tuple[float, float, float]) -> Settings:
-        """The same with a build direction that was chosen automatically."""
-        return replace(self, recipe=self.recipe.model_copy(update={"build_direction": direction}))
 
 
 LEAST_STEP_OVER = 0.3  # of the width: two thirds of every track would lie on the one before it

@@ -89,12 +89,11 @@ def build_up(
         sequence.deposit(layer, bead)
         band = closing.get(layer.index)
         if settings.is_milled:
-            bulge = BULGE * bead.width_mm
             if band is not None or _is_face_due(sequence, layer, bead, layer.index == len(layers) - 1):
-                sequence.face(layer, outset(grown_region(layer, bead, settings), bulge, 0.01))
+                sequence.face(layer, outset(grown_region(layer, bead, settings), BULGE * bead.width_mm, 0.01))
             if band is not None:
                 below = layers[band.first - 1] if band.first else None
-                sequence.mill(band, below, outside_mm(bead, settings) + bulge + _leaning_out(band, layers))
+                sequence.mill(band, below, _excess_mm(band, layers, beads, settings))
         progress((layer.index + 1) / len(layers))
     if not sequence.operations:
         raise PlanningError(
@@ -112,6 +111,12 @@ def _is_face_due(sequence: Sequence, layer: LayerRegion, bead: Bead, is_last: bo
     too_high = bead.height_mm > layer.height_mm * (1.0 + settings.overbuild) * (1.0 + _HIGHER)
     piled = sequence.above_mm >= settings.material.milling.axial_depth_mm
     return is_last or too_high or piled or (every is not None and sequence.unfaced >= every)
+
+
+def _excess_mm(band: Band, layers: list[LayerRegion], beads: list[Bead], settings: Settings) -> float:
+    """How far metal may stand out of a band's walls, mm: allowance, edge strip, bulge, and the steps of leaning layers."""
+    tracks = beads[band.first : band.last + 1]
+    return max(outside_mm(bead, settings) + BULGE * bead.width_mm for bead in tracks) + _leaning_out(band, layers)
 
 
 def _leaning_out(band: Band, layers: list[LayerRegion]) -> float:
