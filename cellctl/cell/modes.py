@@ -154,7 +154,10 @@ class Modes:
         """Set carrier or shield gas and wait until it flows."""
         feeder = self._d.feeder
         name = "carrier" if carrier else "shield"
-        read = (lambda: feeder.carrier_gas_readback_l_min) if carrier else (lambda: feeder.shield_gas_readback_l_min)
+
+        def read() -> float:
+            return feeder.carrier_gas_readback_l_min if carrier else feeder.shield_gas_readback_l_min
+
         return Step(
             f"waiting for {name} gas at {l_min:g} L/min",
             lambda: abs(read() - l_min) <= max(GAS_TOLERANCE * l_min, 0.3),

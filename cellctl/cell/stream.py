@@ -87,7 +87,11 @@ class Run:
         tools = np.flatnonzero(program.table["kind"] == LineKind.TOOL)
         found = ((int(i), TOOL_WORD.search(program.lines[int(i)])) for i in tools)
         self._tools = [(i, int(word.group(1))) for i, word in found if word]
-        self._latency_s = max(drivers.laser.client.device.latency_s, drivers.feeder.client.device.latency_s)
+        self._latency_s = {
+            name: client.device.latency_s
+            for name, client in (("laser", drivers.laser.client), ("feeder", drivers.feeder.client))
+        }
+        self._emitting = np.flatnonzero(self.timeline.is_emitting)
         drivers.cnc.load(program.lines, times_s=cast("Sequence[float]", self.timeline.time_end_s))
 
     # -- progress ------------------------------------------------------------------------------------------------------
@@ -154,17 +158,33 @@ class Run:
         return bool(self.program.table["kind"][line] == LineKind.DWELL)
 
     def follow(self, now: float) -> None:
-        """Carry out what the schedule has for the place where the machine will be once a device has reacted."""
-        reach = max(self.line, self.timeline.line_at(self.follower.predicted_time(now + self._latency_s)))
-        limit = self._released  # never beyond what may execute
+        """Carry out what the schedule has for the place where the machine will be once the device has reacted."""
+        reach = {device: self._reach(now + latency) for device, latency in self._latency_s.items()}
+        self._carry_out(reach["laser"], reach["feeder"])
+        self._expect_end_of_dwell(now)
+
+    def _reach(self, at: float) -> int:
+        return max(self.line, self.timeline.line_at(self.follower.predicted_time(at)))
+
+    def _carry_out(self, laser_reach: int, feeder_reach: int) -> None:
+        """Entries up to a line index, never beyond what may execute.
+
+        Where the stream gates the laser, its level is set as soon as the gate is shut before the pass that needs it.
+        """
+        level_reach = max(laser_reach, self._next_emitting()) if self.program.gate == "stream" else laser_reach
+        reaches = {Channel.LASER_W: level_reach, Channel.EMISSION: laser_reach}
         while self._cursor < len(self._schedule):
             entry = self._schedule[self._cursor]
-            index = int(entry["n"]) - 1
-            if entry["barrier"] or index > reach or index >= limit:
-                break
-            self._set(int(entry["channel"]), float(entry["value"]))
+            index, channel = int(entry["n"]) - 1, Channel(int(entry["channel"]))
+            if entry["barrier"] or index >= self._released or index > reaches.get(channel, feeder_reach):
+                return
+            self._set(channel, float(entry["value"]))
             self._cursor += 1
-        self._expect_end_of_dwell(now)
+
+    def _next_emitting(self) -> int:
+        """Index of the next line with the gate open, from the one that executes on."""
+        position = int(np.searchsorted(self._emitting, self.line))
+        return int(self._emitting[position]) if position < len(self._emitting) else self.line
 
     def _expect_end_of_dwell(self, now: float) -> None:
         """A dwell with the gate shut ends at a known time: the permit has to be back before the pass behind it."""
@@ -291,6 +311,7 @@ class Run:
         self._released = barrier if barrier is not None else self.total
         if self.program.gate == "stream" and self.mode == DEPOSIT and not self.timeline.is_emitting[max(start - 1, 0)]:
             self.judge.expect(now)
+        self._carry_out(start, start)
         self._d.cnc.release(self._released)
 
     def restore(self) -> list[Step]:

@@ -6,6 +6,7 @@ import asyncio
 import tempfile
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -17,7 +18,7 @@ TABLE_SEQUENCES = 500
 HEARD_S = 0.03  # a tick, a request and the ramp
 STATUS_S = 0.15  # a status period, a tick, a request
 DEAD_MAN_S = 0.55  # a laser that cannot be reached turns itself off after dead_man_s
-PLANT_SEQUENCES = 10  # each is some ten seconds of a whole cell
+PLANT_SEQUENCES = 4  # each is some ten seconds of a whole cell
 
 
 @settings(max_examples=TABLE_SEQUENCES)
@@ -93,8 +94,18 @@ async def live_through(actions: list[tuple[str, str]], folder: Path) -> None:
         assert len(cell.journal.find().unfinished) <= (1 if cell.controller.run is not None else 0)
 
 
+@pytest.mark.slow
+@settings(max_examples=20 * PLANT_SEQUENCES, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(ACTIONS, min_size=1, max_size=8))
+def test_over_many_sequences_no_light_stays_at_standstill_or_behind_a_latched_fault(
+    actions: list[tuple[str, str]],
+) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        asyncio.run(live_through(actions, Path(folder)))
+
+
 @settings(max_examples=PLANT_SEQUENCES, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(ACTIONS, min_size=1, max_size=6))
+@given(st.lists(ACTIONS, min_size=1, max_size=4))
 def test_whatever_happens_to_a_job_no_light_stays_at_standstill_or_behind_a_latched_fault(
     actions: list[tuple[str, str]],
 ) -> None:
