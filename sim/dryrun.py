@@ -22,7 +22,8 @@ from sim.world import World
 
 Array = NDArray[np.float64]
 
-STEP_S = 0.05  # of process time; motion inside a step is exact
+STEP_S = 0.2  # of process time; motion inside a step is exact, and the metal does not depend on it
+WAIT_STEP_S = 0.05  # while a barrier waits for the plant
 FINE_STEP_S = 0.005  # while set-points change with the lines
 STANDSTILL_S = 0.02  # the laser may be on at a standing tip for two ticks of the cell
 STARVED_SHARE = 0.8  # powder below this share of its set-point starves the bead
@@ -91,8 +92,7 @@ class DryRun:
         total = len(self.program.lines)
         said = -1
         while not self.controller.is_done and not self.findings.is_fatal:
-            fine = self.controller.changes_near
-            self.world.step(FINE_STEP_S if fine else STEP_S)
+            self.world.step(self._step_s())
             self._watch()
             for text in self.world.cnc.transmit().decode("latin-1").splitlines():
                 self.controller.hear(text)
@@ -106,6 +106,11 @@ class DryRun:
                 progress(percent / 100.0, f"line {self.controller.acknowledged} of {total}")
         self.metal.finish()
         self._check_after()
+
+    def _step_s(self) -> float:
+        if self.controller.changes_near:
+            return FINE_STEP_S
+        return WAIT_STEP_S if self.controller.is_waiting else STEP_S
 
     def _check_before(self) -> None:
         offset = np.array([self.cell.placement.work_offset.get(letter, 0.0) for letter in self.cell.letters])

@@ -9,7 +9,10 @@ from sim.job import Job
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong; an "error" fails the proof, a "warning" does not. line is the N-word (0: the whole Program), layer and operation as in the Program's table (-1: none)."""
+    """One thing that is wrong; an "error" fails the proof, a "warning" does not.
+
+    line is the N-word (0: the whole Program), layer and operation as in the Program's table (-1: none), count how often it was seen.
+    """
 
     kind: str
     text: str

@@ -37,7 +37,7 @@ def built_mesh(stock: Stock, base_mm: float) -> tuple[Array, NDArray[np.int64]]:
     if not (field < 0.0).any():
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     vertices, facets, _, _ = marching_cubes(field, 0.0, spacing=(stock.cell_mm,) * 3)  # type: ignore[no-untyped-call]
-    origin = stock.origin + [0.0, 0.0, first * stock.cell_mm]
+    origin = stock.origin + np.array([0.0, 0.0, first * stock.cell_mm])
     return vertices - stock.cell_mm + origin, facets[:, ::-1].astype(np.int64)
 
 

@@ -54,6 +54,11 @@ class IdealController:
         return self.acknowledged >= len(self._program.lines) and self._pending is None and cnc.is_idle and not cnc.machine.is_busy
 
     @property
+    def is_waiting(self) -> bool:
+        """Whether a barrier is being carried out."""
+        return self._pending is not None
+
+    @property
     def changes_near(self) -> bool:
         """Whether a set-point is due within the next lines."""
         if self._next_event >= len(self._events):

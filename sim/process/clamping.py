@@ -57,7 +57,7 @@ def metal_for(cell: Cell, part_bounds: Array, cell_mm: float, material: Material
     """
     frame = inverse(table_from_build(cell)) if build_from_table is None else build_from_table
     low, high = np.asarray(part_bounds, dtype=np.float64)
-    bounds = np.array([low - [BESIDE_MM, BESIDE_MM, BELOW_MM], high + [BESIDE_MM, BESIDE_MM, ABOVE_MM]])
+    bounds = np.array([low - np.array([BESIDE_MM, BESIDE_MM, BELOW_MM]), high + np.array([BESIDE_MM, BESIDE_MM, ABOVE_MM])])
     stock = Stock(bounds, cell_mm, material)
     size, top = np.array(cell.simulation.substrate_mm), np.array(cell.simulation.substrate_top_mm)
     half = 0.5 * size * [1.0, 1.0, 0.0]

@@ -57,43 +57,37 @@ def _level(height: NDArray[np.float64], cap: NDArray[np.float64], count: int, vo
 
 
 @njit(cache=True, nogil=True)
-def add_piece(
-    field: FIELD,
-    origin: NDArray[np.float64],
-    cell: float,
-    band: float,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    axis: NDArray[np.float64],
-    radius: float,
-    cap_height: float,
-    volume: float,
-    reach: float,
-    adhesion: float,
-) -> float:
-    """Add `volume` along one straight piece of the spot's path.
+def highest(field: FIELD, band: float, box: NDArray[np.int64], top: int) -> int:
+    """Index along z of the highest plane with metal in its band, not below `top`; only columns of `box` ((2, 2) int) may be higher."""
+    while top + 1 < field.shape[2]:
+        found = False
+        for i in range(box[0, 0], box[1, 0] + 1):
+            for j in range(box[0, 1], box[1, 1] + 1):
+                found |= field[i, j, top + 1] < band
+        if not found:
+            break
+        top += 1
+    return top
 
-    field : (nx, ny, nz) float32, mm   Changed in place. Columns run along the last index, and axis[2] > 0 is the largest component.
-    origin : (3,) float, mm   Centre of cell (0, 0, 0), same frame as start, end (mm) and axis (unit vector, spot to head).
-    radius, cap_height : mm   Half width and height of the bead on a flat plate.
-    reach : mm   Metal is looked for this far below the spot; a column without any is unsupported.
-    adhesion : mm   Unsupported columns this close to supported ones hold by the pool's surface tension, from the spot's level on.
-    Returns the volume that found metal to hold on to, mm3.
-    """
+
+@njit(cache=True, nogil=True)
+def _pool(
+    field: FIELD, origin: NDArray[np.float64], cell: float, start: NDArray[np.float64], end: NDArray[np.float64],
+    axis: NDArray[np.float64], radius: float, cap_height: float, reach: float,
+) -> tuple[int, NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:  # fmt: skip
+    """Columns under the pool of one piece: how many, their indices (n, 2), heights along the axis (mm), caps (mm), and which hang free."""
     nx, ny, nz = field.shape
-    x0 = max(0, int(np.floor((min(start[0], end[0]) - radius * 1.5 - origin[0]) / cell)))
-    x1 = min(nx - 1, int(np.ceil((max(start[0], end[0]) + radius * 1.5 - origin[0]) / cell)))
-    y0 = max(0, int(np.floor((min(start[1], end[1]) - radius * 1.5 - origin[1]) / cell)))
-    y1 = min(ny - 1, int(np.ceil((max(start[1], end[1]) + radius * 1.5 - origin[1]) / cell)))
-    if x1 < x0 or y1 < y0:
-        return 0.0
-    most = (x1 - x0 + 1) * (y1 - y0 + 1)
+    side = 1.5 * radius
+    x0 = max(0, int(np.floor((min(start[0], end[0]) - side - origin[0]) / cell)))
+    x1 = min(nx - 1, int(np.ceil((max(start[0], end[0]) + side - origin[0]) / cell)))
+    y0 = max(0, int(np.floor((min(start[1], end[1]) - side - origin[1]) / cell)))
+    y1 = min(ny - 1, int(np.ceil((max(start[1], end[1]) + side - origin[1]) / cell)))
+    most = max(0, x1 - x0 + 1) * max(0, y1 - y0 + 1)
     index = np.empty((most, 2), np.int64)
     height = np.empty(most)
     cap = np.empty(most)
     hanging = np.zeros(most, np.bool_)
     count = 0
-    loose = 0
     along = end - start
     along = along - axis * (along[0] * axis[0] + along[1] * axis[1] + along[2] * axis[2])
     length2 = along[0] ** 2 + along[1] ** 2 + along[2] ** 2
@@ -117,21 +111,36 @@ def add_piece(
                 s = min(1.0, max(0.0, (dx * along[0] + dy * along[1] + dz * along[2]) / length2))
                 dx, dy, dz = dx - s * along[0], dy - s * along[1], dz - s * along[2]
             distance2 = (dx * dx + dy * dy + dz * dz) / (radius * radius)
-            if distance2 >= 1.0:
-                continue
-            index[count, 0], index[count, 1] = i, j
-            height[count] = spot_level + depth
-            cap[count] = cap_height * (1.0 - distance2)
-            hanging[count] = k < 0.0
-            loose += hanging[count]
-            count += 1
+            if distance2 < 1.0:
+                index[count, 0], index[count, 1] = i, j
+                height[count] = spot_level + depth
+                cap[count] = cap_height * (1.0 - distance2)
+                hanging[count] = k < 0.0
+                count += 1
+    return count, index, height, cap, hanging
+
+
+@njit(cache=True, nogil=True)
+def add_piece(
+    field: FIELD, origin: NDArray[np.float64], cell: float, band: float, start: NDArray[np.float64], end: NDArray[np.float64],
+    axis: NDArray[np.float64], radius: float, cap_height: float, volume: float, reach: float, adhesion: float,
+) -> float:  # fmt: skip
+    """Add `volume` along one straight piece of the spot's path.
+
+    field : (nx, ny, nz) float32, mm   Changed in place. Columns run along the last index, and axis[2] > 0 is the largest component.
+    origin : (3,) float, mm   Centre of cell (0, 0, 0), same frame as start, end (mm) and axis (unit vector, spot to head).
+    radius, cap_height : mm   Half width and height of the bead on a flat plate.
+    reach : mm   Metal is looked for this far below the spot; a column without any is unsupported.
+    adhesion : mm   Unsupported columns this close to supported ones hold by the pool's surface tension, from the spot's level on.
+    Returns the volume that found metal to hold on to, mm3.
+    """
+    count, index, height, cap, hanging = _pool(field, origin, cell, start, end, axis, radius, cap_height, reach)
+    loose = int(hanging[:count].sum())
     if count == 0 or loose == count:
         return 0.0
     kept = _drop_unsupported(index, height, cap, hanging, count, adhesion / cell) if loose else count
-    share = kept / count
-    held = volume * share
-    column_area = cell * cell / axis[2]
-    level = _level(height, cap, kept, held, column_area, cap_height)
+    held = volume * kept / count
+    level = _level(height, cap, kept, held, cell * cell / axis[2], cap_height)
     for c in range(kept):
         rise = level + cap[c] - height[c]
         if rise <= 0.0:
@@ -142,7 +151,27 @@ def add_piece(
         found = (height[c] - flat) / axis[2]
         bottom = found if hanging[c] else _underside(field[i, j], origin[2], cell, found, top - 2.0 * band / axis[2])
         _fill_column(field[i, j], origin[2], cell, band, bottom, found, top, axis[2])
-    return held
+    return float(held)
+
+
+@njit(cache=True, nogil=True)
+def add_pieces(
+    field: FIELD, origin: NDArray[np.float64], cell: float, band: float, path: NDArray[np.float64], bead: NDArray[np.float64],
+    reach: float, adhesion: float,
+) -> float:  # fmt: skip
+    """Add several pieces in order of time; see `add_piece`. Returns the volume that stuck, mm3.
+
+    path : (n, 9) float   start, end (mm) and axis of each piece   bead : (n, 3) float   half width, height (mm), volume (mm3)
+    reach : in heights of the bead   adhesion : in widths of the bead
+    """
+    held = 0.0
+    for n in range(path.shape[0]):
+        radius, cap_height, volume = bead[n, 0], bead[n, 1], bead[n, 2]
+        held += add_piece(
+            field, origin, cell, band, path[n, 0:3], path[n, 3:6], path[n, 6:9], radius, cap_height, volume,
+            reach * cap_height, adhesion * 2.0 * radius,
+        )  # fmt: skip
+    return float(held)
 
 
 @njit(cache=True, nogil=True)

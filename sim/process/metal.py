@@ -17,6 +17,7 @@ CONTACT_MM = 0.02  # a cutter that goes in less than this has only touched
 AXIS_TURN_COS = math.cos(math.radians(0.5))  # a piece ends where the tool axis has turned this far
 CHORD_COS = math.cos(math.radians(0.6))  # a cut ends where the path has turned this far: 0.005 mm of chord on a piece of 0.5 mm
 JOINED_MM = 1e-6
+ROUNDING = 1e-6  # of a cell: what is left of a piece by rounding
 
 
 class Metal:
@@ -32,6 +33,8 @@ class Metal:
         self._tools = {tool.number: tool for tool in cell.tools}
         self._bead = _Open()
         self._cut = _Open()
+        self._path: list[list[float]] = []
+        self._process: list[tuple[float, float, float]] = []
         self.engaged: list[tuple[int, float]] = []
 
     def apply(self, trace: Trace) -> None:
@@ -41,6 +44,7 @@ class Metal:
         if not moving.any():
             if self._bead.is_open and not trace.emission_w.any():
                 self._end_bead()
+                self._lay_down()
             return
         tool = self._tools.get(trace.tool)
         tip0, tip1 = trace.tip0 @ self._rotation.T + self._shift, trace.tip1 @ self._rotation.T + self._shift
@@ -51,13 +55,16 @@ class Metal:
                 self._add(tip0[i], tip1[i], axis1[i], trace.emission_w[i], trace.powder_g_min[i], trace.dt[i])
             elif tool is not None:
                 self._remove(tip0[i], tip1[i], axis0[i], axis1[i], int(trace.line[i]), trace.tool)
+        self._lay_down()
 
     def finish(self) -> None:
         """Carry out what waits for more path."""
         self._end_bead()
+        self._lay_down()
         self._end_cut()
 
     def _add(self, start: Array, end: Array, axis: Array, power_w: float, powder: float, seconds: float) -> None:
+        """Lay down one piece of motion, cut where the open piece of bead has grown to one cell's length."""
         self._end_cut()
         piece = self._bead
         if power_w < self.stock.material.bead.min_power_w:
@@ -65,17 +72,33 @@ class Metal:
             return
         if piece.is_open and not piece.goes_on(start, axis):
             self._end_bead()
-        piece.extend(start, end, axis, axis, seconds, power_w * seconds, powder * seconds)
-        if piece.length >= self.stock.cell_mm:
-            self._end_bead()
+        cell = self.stock.cell_mm
+        length = float(np.linalg.norm(end - start))
+        done = 0.0
+        while done < length:
+            room = cell - (piece.path if piece.is_open else 0.0)
+            take = min(room, length - done)
+            part = seconds * take / length
+            a, b = start + (done / length) * (end - start), start + ((done + take) / length) * (end - start)
+            piece.extend(a, b, axis, axis, part, power_w * part, powder * part)
+            done += take
+            if piece.path >= cell * (1.0 - ROUNDING):
+                self._end_bead()
+            if length - done < ROUNDING * cell:
+                break
 
     def _end_bead(self) -> None:
         piece = self._bead
         if piece.is_open and piece.seconds > 0.0:
-            self.stock.deposit(
-                piece.start, piece.end, piece.axis0, piece.energy / piece.seconds, piece.powder / piece.seconds, piece.seconds
-            )
+            self._path.append([*piece.start, *piece.end, *piece.axis0])
+            self._process.append((piece.energy / piece.seconds, piece.powder / piece.seconds, piece.seconds))
         piece.is_open = False
+
+    def _lay_down(self) -> None:
+        """Carry out the pieces of bead that wait."""
+        if self._path:
+            self.stock.deposit_pieces(np.array(self._path), np.array(self._process))
+            self._path, self._process = [], []
 
     def _remove(self, start: Array, end: Array, axis0: Array, axis1: Array, line: int, tool: int) -> None:
         self._end_bead()
@@ -91,6 +114,7 @@ class Metal:
         piece = self._cut
         if not piece.is_open:
             return
+        self._lay_down()
         tool = self._tools[piece.tool]
         depth = self.stock.cut(
             piece.start, piece.end, piece.axis0, piece.axis1, 0.5 * tool.diameter_mm, tool.corner_radius_mm, -tool.tip_mm[2]
@@ -106,7 +130,7 @@ class _Open:
     def __init__(self) -> None:
         self.is_open = False
         self.start = self.end = self.axis0 = self.axis1 = np.zeros(3)
-        self.length = self.seconds = self.energy = self.powder = 0.0
+        self.length = self.path = self.seconds = self.energy = self.powder = 0.0
         self.line = self.tool = 0
 
     def goes_on(self, start: Array, axis: Array) -> bool:
@@ -125,7 +149,8 @@ class _Open:
         if not self.is_open:
             self.is_open = True
             self.start, self.axis0 = start, axis0
-            self.seconds = self.energy = self.powder = 0.0
+            self.path = self.seconds = self.energy = self.powder = 0.0
+        self.path += float(np.linalg.norm(end - start))
         self.end, self.axis1 = end, axis1
         self.seconds += seconds
         self.energy += energy

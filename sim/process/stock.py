@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from config import Material
 from sim.process.cut import remove_piece
-from sim.process.deposit import add_piece
+from sim.process.deposit import add_pieces, highest
 from sim.process.melt import bead_section
 
 Array = NDArray[np.float64]
@@ -17,8 +18,7 @@ Array = NDArray[np.float64]
 BAND_CELLS = 3.0  # the field is exact this far from the surface: enough for a trilinear look-up and a cutter's sweep
 REACH_HEIGHTS = 1.5  # of the bead's height below the spot: what lies deeper the pool does not touch
 ADHESION_WIDTHS = 0.35  # of the bead's width: the pool holds to its neighbour over that much of nothing
-AXIAL_STEP_CELLS = 0.1  # a cutter's move along its axis is split this fine
-ANGLE_STEP_RAD = 0.02  # and a turning axis this fine
+ANGLE_STEP_RAD = 0.02  # a cut with a turning axis is split this fine
 
 
 class Stock:
@@ -39,6 +39,7 @@ class Stock:
         size = np.ceil((np.asarray(bounds[1], dtype=float) + margin - low) / cell_mm).astype(int) + 1
         self.origin = low
         self.field = np.full(tuple(size), self.band_mm, dtype=np.float32)
+        self._top = -1  # index along z above which there is no metal
         self.lost_powder_mm3 = 0.0
         self.deposited_mm3 = 0.0
         if substrate is not None:
@@ -65,53 +66,83 @@ class Stock:
     def unite(self, distance: NDArray[np.floating[Any]]) -> None:
         """Unite with a solid given by its signed distance on the grid, mm, negative inside; shape of the field."""
         np.minimum(self.field, np.clip(distance, -self.band_mm, self.band_mm), out=self.field, casting="same_kind")
+        filled = np.flatnonzero((self.field < self.band_mm).any(axis=(0, 1)))
+        self._top = int(filled[-1]) if len(filled) else -1
 
     def deposit(self, start: Array, end: Array, axis: Array, power_w: float, powder_g_min: float, seconds: float) -> float:
         """Add metal along one straight piece of the spot's path; returns the volume that stuck, mm3.
 
         start, end : (3,) float, mm   axis : (3,) float, unit vector from the spot into the head   seconds : time that the piece takes
-        Pieces of about one cell's length are right: shorter ones are slow, longer ones level the surface too evenly.
+        Any length: it is laid down in pieces of one cell's length, as the pool moves on.
         """
-        length = float(np.linalg.norm(end - start))
-        bead = bead_section(self.material, power_w, powder_g_min, length / seconds if seconds > 0.0 else 0.0)
-        if bead.area_mm2 <= 0.0:
-            return 0.0
-        order, up = _upright(axis)
-        field = np.transpose(self.field, order)
-        origin, a, p0, p1 = self.origin[order], axis[order], start[order], end[order]
+        count = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / self.cell_mm - 1e-9)))
+        share = np.arange(count + 1)[:, None] / count
+        points = start + share * (end - start)
+        path = np.hstack([points[:-1], points[1:], np.tile(axis, (count, 1))])
+        process = np.tile([power_w, powder_g_min, seconds / count], (count, 1))
+        return self.deposit_pieces(path, process)
+
+    def deposit_pieces(self, path: Array, process: Array) -> float:
+        """Add metal along pieces in order of time; returns the volume that stuck, mm3.
+
+        path : (n, 9) float   start, end (mm) and axis (unit vector from the spot into the head) of each piece
+        process : (n, 3) float   power W, powder g/min and time s of each piece
+        Pieces of about one cell's length are right: longer ones level the surface too evenly.
+        """
+        bead = np.zeros((len(path), 3))
+        length = np.linalg.norm(path[:, 3:6] - path[:, 0:3], axis=1)
+        for n, (power_w, powder_g_min, seconds) in enumerate(process.tolist()):
+            section = bead_section(self.material, power_w, powder_g_min, length[n] / seconds if seconds > 0.0 else 0.0)
+            bead[n] = 0.5 * section.width_mm, section.height_mm, section.area_mm2 * length[n]
+        melts = bead[:, 2] > 0.0
+        path, bead = path[melts], bead[melts]
+        held = 0.0
+        main = np.argmax(np.abs(path[:, 6:9]), axis=1)
+        ends = np.flatnonzero(np.diff(main, append=-1)) + 1
+        for first, last in pairwise([0, *ends.tolist()]):
+            held += self._deposit_run(path[first:last], bead[first:last])
+        self.deposited_mm3 += held
+        self.lost_powder_mm3 += float(bead[:, 2].sum()) - held
+        return held
+
+    def _deposit_run(self, path: Array, bead: Array) -> float:
+        """Pieces whose axes are all nearest to the same direction of the grid."""
+        order, up = _upright(path[0, 6:9])
+        field, origin = np.transpose(self.field, order), self.origin[order]
+        turned = path.reshape(-1, 3, 3)[:, :, order]
         if up < 0.0:
             field = field[:, :, ::-1]
             flip = np.array([1.0, 1.0, -1.0])
             origin = origin * flip - np.array([0.0, 0.0, self.cell_mm * (field.shape[2] - 1)])
-            a, p0, p1 = a * flip, p0 * flip, p1 * flip
-        volume = bead.area_mm2 * length
-        held = float(
-            add_piece(
-                field, origin, self.cell_mm, self.band_mm, p0, p1, a, 0.5 * bead.width_mm, bead.height_mm, volume,
-                REACH_HEIGHTS * bead.height_mm, ADHESION_WIDTHS * bead.width_mm,
-            )
-        )  # fmt: skip
-        self.deposited_mm3 += held
-        self.lost_powder_mm3 += volume - held
-        return held
+            turned = turned * flip
+        held = add_pieces(
+            field, origin, self.cell_mm, self.band_mm, np.ascontiguousarray(turned.reshape(-1, 9)), bead, REACH_HEIGHTS, ADHESION_WIDTHS
+        )
+        points = path[:, :6].reshape(-1, 3)
+        box = self._box(points.min(axis=0), points.max(axis=0), 2.0 * float(bead[:, 0].max()))
+        self._top = highest(self.field, self.band_mm, box, self._top)
+        return float(held)
+
+    def _box(self, low_mm: Array, high_mm: Array, margin_mm: float) -> NDArray[np.int64]:
+        """(2, 2) int, first and last index along x and y of the cells in a box with a margin."""
+        low = np.floor((low_mm[:2] - margin_mm - self.origin[:2]) / self.cell_mm)
+        high = np.ceil((high_mm[:2] + margin_mm - self.origin[:2]) / self.cell_mm)
+        last = np.array(self.field.shape[:2]) - 1
+        return np.array([np.clip(low, 0, last), np.clip(high, 0, last)]).astype(np.int64)
 
     def cut(self, start: Array, end: Array, axis0: Array, axis1: Array, radius: float, corner: float, reach: float) -> float:
         """Remove what a cutter sweeps; returns the greatest depth in metal, mm.
 
         start, end : (3,) float, mm, cutter end   axis0, axis1 : (3,) float, unit vectors   radius, corner, reach : mm
         """
-        lift = abs(float((end - start) @ axis0))
-        turn = float(np.arccos(np.clip(axis0 @ axis1, -1.0, 1.0)))
-        slope = lift / max(float(np.linalg.norm(end - start)), 1e-12)
+        turn = float(np.linalg.norm(axis1 - axis0))
         pieces = 1 + int(turn / ANGLE_STEP_RAD)
-        if slope > 1e-6:
-            pieces = max(pieces, 1 + int(lift / (AXIAL_STEP_CELLS * self.cell_mm)))
         deepest = 0.0
         for i in range(pieces):
             f0, f1 = i / pieces, (i + 1) / pieces
             axis = axis0 + 0.5 * (f0 + f1) * (axis1 - axis0)
             depth = remove_piece(
-                self.field, self.origin, self.cell_mm, self.band_mm,
+                self.field, self.origin, self.cell_mm, self.band_mm, self._top,
                 start + f0 * (end - start), start + f1 * (end - start), axis / np.linalg.norm(axis), radius, corner, reach,
             )  # fmt: skip
             deepest = max(deepest, float(depth))
