@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import shlex
 import subprocess
@@ -98,3 +99,15 @@ def test_every_cellctl_command_and_option_is_known_to_the_command_line() -> None
                 unknown.append(f"cellctl {' '.join([command, *plain[1:]])}")
             unknown += [f"cellctl {command} {option}" for option in options if option not in shown.stdout]
     assert not unknown, f"README.md names {unknown}"
+
+
+def test_every_function_named_in_full_exists() -> None:
+    names = {line for line in code_lines() if re.fullmatch(r"(planner|cellctl|drivers|sim)(\.\w+){2,}", line)}
+    missing = []
+    for name in sorted(names):
+        try:
+            pkgutil.resolve_name(name)
+        except (ImportError, AttributeError):
+            missing.append(name)
+    assert names, "README.md follows a layer and a line function by function"
+    assert not missing, f"README.md names {missing}"
