@@ -25,7 +25,7 @@ export function JobDetail({ job }: { job: Job }) {
         <JobState state={job.state} />
       </div>
       <h2 class="job-heading">{job.name}</h2>
-      {job.why && <p class="why">{job.why}</p>}
+      {job.why && job.state !== "waiting_for_approval" && <p class="why">{job.why}</p>}
       <Working job={job} />
       {job.error && (
         <p class="problem" role="alert">

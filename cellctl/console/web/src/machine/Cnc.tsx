@@ -6,6 +6,7 @@ import { words } from "../words/en";
 import { fixed, whole } from "../words/format";
 
 const say = words.machine;
+const NONE: Lines = { sent: 0, acknowledged: 0, executing: 0, executed: 0, total: 0 };
 
 export function Cnc() {
   const now = snapshot.value;
@@ -28,16 +29,16 @@ export function Cnc() {
         <dt>{say.override}</dt>
         <dd>{cnc?.feed_override ?? words.dash} %</dd>
       </dl>
-      {now && <LineCounts lines={now.lines} />}
     </section>
   );
 }
 
-function LineCounts({ lines }: { lines: Lines }) {
-  const { executed, acknowledged, sent, total } = lines;
+export function LineCounts() {
+  const { executed, acknowledged, sent, total } = snapshot.value?.lines ?? NONE;
+  const lines = { executed, acknowledged, sent, total };
   return (
-    <div class="lines">
-      <h3>{say.lines}</h3>
+    <section class="panel lines">
+      <h2>{say.lines}</h2>
       <svg viewBox="0 0 100 6" preserveAspectRatio="none" role="img" aria-label={say.linesAria(executed, total)}>
         <rect class="total" width="100" height="6" />
         {(["sent", "acknowledged", "executed"] as const).map((name) => (
@@ -45,13 +46,13 @@ function LineCounts({ lines }: { lines: Lines }) {
         ))}
       </svg>
       <ul>
-        {Object.entries({ executed, acknowledged, sent, total }).map(([name, count]) => (
+        {Object.entries(lines).map(([name, count]) => (
           <li key={name}>
             <i class={`swatch line-${name}`} />
             <b>{whole(count)}</b> {say.lineWords[name as keyof typeof say.lineWords]}
           </li>
         ))}
       </ul>
-    </div>
+    </section>
   );
 }

@@ -2,17 +2,18 @@
 import { isStale } from "../state/cell";
 import { Axes } from "./Axes";
 import { Conditions } from "./Conditions";
-import { Cnc } from "./Cnc";
+import { Cnc, LineCounts } from "./Cnc";
 import { Process } from "./Process";
 
 export function Machine() {
   return (
     <div class={`machine ${isStale.value ? "is-stale" : ""}`}>
-      <Process />
       <div class="columns">
         <Axes />
         <Cnc />
       </div>
+      <LineCounts />
+      <Process />
       <Conditions />
     </div>
   );

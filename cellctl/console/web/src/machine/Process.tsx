@@ -1,4 +1,4 @@
-// Laser, powder and gas: what is set and what is read back.
+// Gas and hopper, and what laser and feeder complain about. Laser and powder themselves stand with their trends.
 import type { Snapshot } from "../api/types";
 import { snapshot } from "../state/cell";
 import { words } from "../words/en";
@@ -10,16 +10,12 @@ interface Row {
   name: string;
   set: number;
   read: number;
-  decimals: number;
-  unit: string;
 }
 
-function rows({ laser, feeder }: Snapshot): Row[] {
+function rows({ feeder }: Snapshot): Row[] {
   return [
-    { name: say.laser, set: laser.power_setpoint_w, read: laser.power_readback_w, decimals: 0, unit: "W" },
-    { name: say.powder, set: feeder.rate_setpoint_g_min, read: feeder.rate_readback_g_min, decimals: 1, unit: "g/min" },
-    { name: say.carrier, set: feeder.carrier_gas_setpoint_l_min, read: feeder.carrier_gas_readback_l_min, decimals: 1, unit: "L/min" },
-    { name: say.shield, set: feeder.shield_gas_setpoint_l_min, read: feeder.shield_gas_readback_l_min, decimals: 1, unit: "L/min" },
+    { name: say.carrier, set: feeder.carrier_gas_setpoint_l_min, read: feeder.carrier_gas_readback_l_min },
+    { name: say.shield, set: feeder.shield_gas_setpoint_l_min, read: feeder.shield_gas_readback_l_min },
   ];
 }
 
@@ -27,14 +23,12 @@ export function Process() {
   const now = snapshot.value;
   return (
     <section class="panel process">
-      <div class="panel-head">
-        <h2>{say.process}</h2>
-        {now && <Emission laser={now.laser} />}
-      </div>
       <table>
         <thead>
           <tr>
-            <th />
+            <th scope="col">
+              <h2>{say.gas}</h2>
+            </th>
             <th>{say.setpoint}</th>
             <th>{say.readback}</th>
             <th />
@@ -45,9 +39,9 @@ export function Process() {
             rows(now).map((row) => (
               <tr key={row.name}>
                 <th scope="row">{row.name}</th>
-                <td class="number">{fixed(row.set, row.decimals)}</td>
-                <td class="number strong">{fixed(row.read, row.decimals)}</td>
-                <td class="unit">{row.unit}</td>
+                <td class="number">{fixed(row.set, 1)}</td>
+                <td class="number strong">{fixed(row.read, 1)}</td>
+                <td class="unit">L/min</td>
               </tr>
             ))}
         </tbody>
@@ -55,15 +49,6 @@ export function Process() {
       {now && <Hopper fraction={now.feeder.hopper_fraction} />}
       {now && <Faults texts={[...now.laser.faults, ...now.laser.interlocks, ...now.feeder.faults]} />}
     </section>
-  );
-}
-
-function Emission({ laser }: { laser: Snapshot["laser"] }) {
-  return (
-    <span class="emission">
-      <span class="muted">{say.permits(laser.enabled, laser.permitted)}</span>
-      <b class={laser.emitting ? "badge laser-on" : "badge"}>{laser.emitting ? say.emitting : say.dark}</b>
-    </span>
   );
 }
 

@@ -2,10 +2,12 @@
 import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
-import { isStale } from "../state/cell";
+import type { Snapshot } from "../api/types";
+import { isStale, snapshot } from "../state/cell";
 import { colour, theme } from "../state/theme";
 import { SPAN_S, trendNow, trends, type Series } from "../state/trends";
 import { words } from "../words/en";
+import { fixed } from "../words/format";
 
 const say = words.trends;
 const PERIOD_MS = 250; // between drawings
@@ -13,14 +15,33 @@ const FONT = "12px system-ui, sans-serif";
 
 interface Kind {
   title: string;
+  unit: string;
+  decimals: number;
+  values: (now: Snapshot) => [set: number, read: number];
   colourName: string;
   least: number; // the scale shows at least this much
   data: () => [number[], Series, Series];
 }
 
 const KINDS: Kind[] = [
-  { title: say.laser, colourName: "laser", least: 200, data: () => [trends.time, trends.laserSet, trends.laserRead] },
-  { title: say.powder, colourName: "powder", least: 4, data: () => [trends.time, trends.powderSet, trends.powderRead] },
+  {
+    title: say.laser,
+    unit: say.watts,
+    decimals: 0,
+    values: ({ laser }) => [laser.power_setpoint_w, laser.power_readback_w],
+    colourName: "laser",
+    least: 200,
+    data: () => [trends.time, trends.laserSet, trends.laserRead],
+  },
+  {
+    title: say.powder,
+    unit: say.grams,
+    decimals: 1,
+    values: ({ feeder }) => [feeder.rate_setpoint_g_min, feeder.rate_readback_g_min],
+    colourName: "powder",
+    least: 4,
+    data: () => [trends.time, trends.powderSet, trends.powderRead],
+  },
 ];
 
 function options(kind: Kind, width: number, height: number): uPlot.Options {
@@ -87,14 +108,30 @@ export function Trends() {
 function Trend({ kind }: { kind: Kind }) {
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => (host.current ? connect(host.current, kind) : undefined), [kind]);
+  const now = snapshot.value;
+  const [set, read] = now ? kind.values(now) : [undefined, undefined];
   return (
     <figure class="panel trend">
       <figcaption>
         <h2>{kind.title}</h2>
-        <span class="key set">{say.set}</span>
-        <span class={`key read ${kind.colourName}`}>{say.read}</span>
+        {kind.colourName === "laser" && now && <Emission laser={now.laser} />}
+        <span class="space" />
+        <span class="key set">
+          {say.set} <b>{fixed(set, kind.decimals)}</b>
+        </span>
+        <span class={`key read ${kind.colourName}`}>
+          {say.read} <b class="big">{fixed(read, kind.decimals)}</b> {kind.unit}
+        </span>
       </figcaption>
       <div class="plot" ref={host} />
     </figure>
+  );
+}
+
+function Emission({ laser }: { laser: Snapshot["laser"] }) {
+  return (
+    <b class={laser.emitting ? "badge laser-on" : "badge"} title={words.machine.permits(laser.enabled, laser.permitted)}>
+      {laser.emitting ? words.machine.emitting : laser.permitted ? words.machine.permitted : words.machine.dark}
+    </b>
   );
 }

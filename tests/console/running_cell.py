@@ -1,0 +1,149 @@
+"""A simulated cell and the service before it, as processes of their own, for the page to talk to."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import httpx
+import tomli_w
+
+from config.base import FACTS_DIR
+
+END_S = 15.0
+READY = ("sim ready", "Ctrl-C stops the service")
+# The browser draws in software on the same cores: a device may be late here without being dead.
+PATIENCE = {"timeout_s": 1.0, "dead_man_s": 3.0, "stale_s": 2.5}
+TIME_SCALE = 8.0
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def patient(table: Any) -> Any:
+    """A device's facts with every limit of time at least as long as PATIENCE says."""
+    if isinstance(table, list):
+        return [patient(item) for item in table]
+    if not isinstance(table, dict):
+        return table
+    longer = {name: max(value, PATIENCE[name]) for name, value in table.items() if name in PATIENCE}
+    return {**{name: patient(value) for name, value in table.items()}, **longer}
+
+
+class RunningCell:
+    """`python -m sim` and `cellctl serve` in a directory of their own. Use as a context manager."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="console-"))
+        self.run = self.folder / "run"
+        self.url = ""
+        self.stop_url = ""
+        self._children: list[subprocess.Popen[str]] = []
+
+    def __enter__(self) -> RunningCell:
+        try:
+            self._start(
+                "sim", "--cell", str(self._cell_file()), "--run", str(self.run), "--time-scale", str(TIME_SCALE)
+            )
+            cell = str(self.run / "cell.toml")
+            ports = ("--port", "0", "--stop-port", "0")
+            self._start("cellctl", "serve", "--cell", cell, "--store", str(self.store), "--run", str(self.run), *ports)
+            address = json.loads((self.run / "service.json").read_text(encoding="utf-8"))
+            self.url, self.stop_url = address["url"], address["stop_url"]
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        for child in reversed(self._children):
+            child.send_signal(signal.SIGTERM)
+        for child in reversed(self._children):
+            try:
+                child.communicate(timeout=END_S)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.communicate()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    @property
+    def store(self) -> Path:
+        return self.folder / "store"
+
+    @property
+    def token(self) -> str:
+        return (self.store / "operator.token").read_text(encoding="ascii").strip()
+
+    def _cell_file(self) -> Path:
+        facts = tomllib.loads((FACTS_DIR / "cells" / "trunnion_tcp.toml").read_text(encoding="utf-8"))
+        for link in facts["links"].values():
+            device = tomllib.loads((FACTS_DIR / "devices" / f"{link['device']}.toml").read_text(encoding="utf-8"))
+            path = self.folder / f"{link['device']}.toml"
+            path.write_text(tomli_w.dumps(patient(device)), encoding="utf-8")
+            link.update(device=str(path), tcp_port=free_port())
+        path = self.folder / "given.toml"
+        path.write_text(tomli_w.dumps(facts), encoding="utf-8")
+        return path
+
+    def _start(self, module: str, *words: str) -> None:
+        """Start a process and read what it says until it is ready."""
+        child = subprocess.Popen(
+            [sys.executable, "-u", "-m", module, *words],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        self._children.append(child)
+        assert child.stdout is not None
+        said: list[str] = []
+        while not any(word in "".join(said) for word in READY):
+            line = child.stdout.readline()
+            assert line, f"{module} ended: {''.join(said)}"
+            said.append(line)
+
+    def sim(self, do: str, **arguments: Any) -> dict[str, Any]:
+        """A hand at the simulated cell."""
+        with socket.socket(socket.AF_UNIX) as wire, wire.makefile("rw") as lines:
+            wire.settimeout(10.0)
+            wire.connect(str(self.run / "sim.sock"))
+            lines.write(json.dumps({"do": do, **arguments}) + "\n")
+            lines.flush()
+            answer: dict[str, Any] = json.loads(lines.readline())
+        assert answer["ok"], answer
+        return answer
+
+    def get(self, path: str) -> Any:
+        """What REST says."""
+        answer = httpx.get(f"{self.url}/api/v1{path}", headers={"Authorization": f"Bearer {self.token}"}, timeout=10.0)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def process(self, module: str) -> int:
+        """Number of the service's process that runs this module."""
+        service = self._children[-1].pid
+        for status in Path("/proc").glob("[0-9]*/cmdline"):
+            try:
+                words = status.read_bytes().split(b"\0")
+                parent = int((status.parent / "stat").read_text().rpartition(")")[2].split()[1])
+            except (OSError, IndexError):
+                continue
+            if parent == service and module.encode() in words:
+                return int(status.parent.name)
+        raise AssertionError(f"the service runs no {module}")
+
+    def freeze(self, module: str) -> None:
+        """The process does nothing any more, and its sockets stay open."""
+        os.kill(self.process(module), signal.SIGSTOP)
+
+    def thaw(self, module: str) -> None:
+        os.kill(self.process(module), signal.SIGCONT)

@@ -1,0 +1,187 @@
+"""The operator's page: the whole way of a job, STOP whatever else fails, and data that is visibly old."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+import trimesh
+from playwright.sync_api import Page, expect
+
+from tests.console.conftest import Heard
+from tests.console.running_cell import RunningCell
+
+pytestmark = pytest.mark.timeout(240)
+PICTURES = Path(__file__).resolve().parent / "pictures"
+PICTURE_BYTES_MAX = 300_000
+PLANNED_MS = 150_000  # plan, post and proof, on a busy machine
+MM_PX = 96 / 25.4
+NAME = '<img src="x" onerror="document.title=\'run\'">block'
+
+
+def sign_in(page: Page, cell: RunningCell) -> None:
+    page.get_by_label("Token").fill(cell.token)
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.locator(".state-word")).not_to_have_attribute("data-state", "")
+
+
+def state_is(page: Page, *words: str) -> None:
+    found = ", ".join(f".state-word[data-state={word}]" for word in words)
+    expect(page.locator(found)).to_be_visible()
+
+
+def picture(page: Page, name: str) -> None:
+    path = PICTURES / f"{name}.png"
+    page.screenshot(path=path)
+    assert path.stat().st_size < PICTURE_BYTES_MAX
+
+
+def submit(page: Page, part: Path) -> None:
+    page.get_by_role("tab", name="Jobs").click()
+    page.get_by_role("button", name="New job").click()
+    page.get_by_label("Part file").set_input_files(part)
+    page.get_by_label("Name").fill(NAME)
+    page.get_by_label("Tolerance, mm").fill("0.2")
+    page.get_by_role("button", name="Submit").click()
+
+
+def approve(page: Page) -> None:
+    page.get_by_text("the table is clear").click()
+    page.get_by_label("Because").last.fill("looked at the proof")
+    page.get_by_role("button", name="Approve").click()
+
+
+@pytest.fixture
+def block(tmp_path: Path) -> Path:
+    """A block of 16 x 10 x 2 mm on the substrate."""
+    mesh = trimesh.creation.box((16.0, 10.0, 2.0))
+    mesh.apply_translation((0.0, 0.0, 1.0))
+    path = tmp_path / "block.stl"
+    mesh.export(path)
+    return path
+
+
+def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_door_was_opened(
+    page: Page, cell: RunningCell, heard: Heard, block: Path
+) -> None:
+    sign_in(page, cell)
+    state_is(page, "IDLE")
+    submit(page, block)
+    expect(page.locator("[data-state=waiting_for_approval]")).to_be_visible(timeout=PLANNED_MS)
+    expect(page.locator(".job-heading")).to_have_text(NAME)  # as text, not as HTML
+    assert page.title() == "Hybrid cell console"
+    expect(page.locator(".proof")).to_contain_text("Passed")
+    expect(page.locator(".proof img")).to_have_js_property("complete", True)
+    picture(page, "approve")
+
+    approve(page)
+    page.get_by_role("tab", name="Machine").click()
+    expect(page.locator(".laser-on")).to_be_visible()
+    expect(page.locator(".executed").first).not_to_have_attribute("width", "0")
+    picture(page, "running")
+
+    page.get_by_role("button", name="HOLD").click()
+    state_is(page, "HELD")
+    assert cell.sim("state")["laser"]["emission_w"] == 0.0
+    expect(page.locator(".cause")).to_have_text("held at the console")
+    page.get_by_role("button", name="RESUME").click()
+    expect(page.locator(".laser-on")).to_be_visible()
+
+    cell.sim("open_door")
+    state_is(page, "FAULT")
+    alarm = page.get_by_role("alert").filter(has_text="The door is open")
+    expect(alarm).to_contain_text("Remedy: close the door")
+    expect(page.get_by_text("Door open")).to_be_visible()
+    assert cell.sim("state")["laser"]["emission_w"] == 0.0
+    picture(page, "alarm")
+
+    page.get_by_role("button", name="RESET").click()
+    expect(page.locator(".notice")).to_contain_text("The door is open")  # refused while it is
+    cell.sim("close_door")
+    expect(page.get_by_text("Door closed")).to_be_visible()
+    page.get_by_label("Because").fill("closed the door")
+    page.get_by_role("button", name="RESET").click()
+    state_is(page, "HELD")
+    page.get_by_role("button", name="RESUME").click()
+    state_is(page, "RUNNING", "PREPARING")
+
+    page.get_by_role("button", name="ABORT").click()
+    page.get_by_role("button", name="Abort the job").click()
+    state_is(page, "IDLE")
+    page.get_by_role("tab", name="Log").click()
+    expect(page.locator(".log")).to_contain_text("closed the door")
+    expect(page.locator(".log")).to_contain_text("aborted at the console")
+
+    own = urlsplit(cell.url).netloc, urlsplit(cell.stop_url).netloc
+    assert {urlsplit(url).netloc for url in heard.requests if not url.startswith(("data:", "blob:"))} <= set(own)
+    refused = [text for text in heard.complaints if "409" not in text]  # the early reset
+    assert not refused
+
+
+def test_stop_needs_no_sign_in_and_shows_its_round_trip(page: Page, cell: RunningCell) -> None:
+    page.locator("#stop-button").click()
+
+    expect(page.locator("#stop-said")).to_contain_text("STOPPED in")
+    expect(page.locator("#stop-said")).to_contain_text("ms")
+    assert cell.get("/cell")["state"] == "STOPPED"
+
+    sign_in(page, cell)
+    page.get_by_role("button", name="RESET").click()
+    state_is(page, "IDLE", "UNHOMED")
+
+
+def test_stop_works_while_the_web_process_is_frozen(page: Page, cell: RunningCell) -> None:
+    sign_in(page, cell)
+    cell.freeze("cellctl.api")
+    try:
+        expect(page.locator(".stale-mark")).to_contain_text("old")
+        page.locator("#stop-button").focus()
+        page.keyboard.press("Enter")
+        expect(page.locator("#stop-said")).to_contain_text("STOPPED in", timeout=2_000)
+    finally:
+        cell.thaw("cellctl.api")
+    state_is(page, "STOPPED")
+    expect(page.locator(".stale-mark")).to_have_count(0)
+    page.get_by_role("button", name="RESET").click()
+    state_is(page, "IDLE", "UNHOMED")
+
+
+def test_stop_that_nobody_acknowledges_sends_the_operator_to_the_estop(page: Page, cell: RunningCell) -> None:
+    sign_in(page, cell)
+    for process in ("cellctl.cell", "cellctl.api"):
+        cell.freeze(process)
+    try:
+        page.locator("#stop-button").click()
+        expect(page.locator("#stop-said")).to_contain_text("use the E-stop", timeout=5_000)
+    finally:
+        for process in ("cellctl.cell", "cellctl.api"):
+            cell.thaw(process)
+    expect(page.locator("#stop-said")).to_contain_text("STOPPED in")  # it kept trying
+
+
+def test_page_that_hears_nothing_shows_the_age_of_its_data_and_takes_only_stop(page: Page, cell: RunningCell) -> None:
+    sign_in(page, cell)
+    expect(page.locator(".machine")).not_to_have_class("machine is-stale")
+    cell.freeze("cellctl.cell")
+    try:
+        expect(page.locator(".stale-mark")).to_contain_text("s old")
+        expect(page.locator(".machine.is-stale")).to_be_visible()
+        for name in ("HOLD", "RESUME", "ABORT"):
+            expect(page.get_by_role("button", name=name)).to_be_disabled()
+        expect(page.locator("#stop-button")).to_be_enabled()
+        picture(page, "stale")
+    finally:
+        cell.thaw("cellctl.cell")
+    expect(page.locator(".stale-mark")).to_have_count(0)
+
+
+def test_machine_controls_are_large_enough_for_a_glove(page: Page, cell: RunningCell) -> None:
+    sign_in(page, cell)
+    for name in ("HOLD", "RESUME", "ABORT"):
+        box = page.get_by_role("button", name=name).bounding_box()
+        assert box is not None and min(box["width"], box["height"]) >= 12 * MM_PX
+    stop = page.locator("#stop-button").bounding_box()
+    assert stop is not None and min(stop["width"], stop["height"]) >= 15 * MM_PX
+    fits = "document.documentElement.scrollWidth <= innerWidth && document.documentElement.scrollHeight <= innerHeight"
+    assert page.evaluate(fits)
