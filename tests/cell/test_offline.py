@@ -70,4 +70,5 @@ async def test_a_port_that_is_unplugged_at_rest_and_plugged_in_again_brings_the_
     await bare.forward(until=bare.is_state(State.OFFLINE), seconds=2)
     bare.wires.is_port_absent = False
     await bare.forward(until=bare.is_state(State.IDLE), seconds=5)
+    assert (await bare.command("jog", axis="X", distance=1.0, feed=600.0)).ok
     await bare.end()

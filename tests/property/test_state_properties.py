@@ -59,7 +59,7 @@ ACTIONS = st.one_of(
 )
 
 
-async def live_through(actions: list[tuple[str, str]], folder: Path) -> None:
+async def live_through(actions: list[tuple[str, str]], folder: Path) -> State:
     """A job, and what happens to it; then quiet, and what has to hold then."""
     async with CellUnderTest(folder / "store.db") as cell:
         program = one_wall(cell.facts, layers=1, length_mm=60.0, pieces=15)
@@ -92,6 +92,7 @@ async def live_through(actions: list[tuple[str, str]], folder: Path) -> None:
         assert cell.is_still or cell.sim.cnc.is_cut_off
         assert cell.snapshot.lines.executed <= len(program.lines)
         assert len(cell.journal.find().unfinished) <= (1 if cell.controller.run is not None else 0)
+        return cell.state
 
 
 @pytest.mark.slow
@@ -101,7 +102,7 @@ def test_over_many_sequences_no_light_stays_at_standstill_or_behind_a_latched_fa
     actions: list[tuple[str, str]],
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        asyncio.run(live_through(actions, Path(folder)))
+        assert asyncio.run(live_through(actions, Path(folder))) is State.STOPPED
 
 
 @settings(max_examples=PLANT_SEQUENCES, suppress_health_check=[HealthCheck.too_slow])
@@ -110,4 +111,4 @@ def test_whatever_happens_to_a_job_no_light_stays_at_standstill_or_behind_a_latc
     actions: list[tuple[str, str]],
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        asyncio.run(live_through(actions, Path(folder)))
+        assert asyncio.run(live_through(actions, Path(folder))) is State.STOPPED
