@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import signal
 import sys
 from pathlib import Path
 
+import structlog
 import uvicorn
 
 from cellctl import faults
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Settings
+from cellctl.planning.worker import end_with
 from cellctl.store import StoreError
 from config import ConfigError
 
@@ -24,6 +27,8 @@ def arguments(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--store", type=Path, required=True)
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=8000)
+    parser.add_argument("--stop-port", type=int, default=None, help="where the cell process listens for STOP")
+    parser.add_argument("--parent", type=int, default=0, help="process to end with")
     parser.add_argument("--upload-limit-bytes", type=int, default=UPLOAD_LIMIT_BYTES)
     parser.add_argument("--worker-memory-bytes", type=int, default=WORKER_MEMORY_BYTES)
     return parser.parse_args(words)
@@ -31,7 +36,16 @@ def arguments(words: list[str]) -> argparse.Namespace:
 
 async def serve(given: argparse.Namespace) -> None:
     """Serve until a signal says stop. Raises StoreError, ConfigError."""
-    settings = Settings(given.store, given.run, given.cell, given.upload_limit_bytes, given.worker_memory_bytes)
+    if given.parent:
+        end_with(given.parent, signal.SIGTERM)
+    settings = Settings(
+        store=given.store,
+        run=given.run,
+        cell_file=given.cell,
+        stop_port=given.stop_port,
+        upload_limit_bytes=given.upload_limit_bytes,
+        worker_memory_bytes=given.worker_memory_bytes,
+    )
     app = make_app(build_service(settings), given.host)
     config = uvicorn.Config(
         app,
@@ -47,8 +61,22 @@ async def serve(given: argparse.Namespace) -> None:
     await uvicorn.Server(config).serve()
 
 
+def configure_log() -> None:
+    """JSON lines on stderr; tracebacks without the values of variables, which may be secrets."""
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso"),
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(),
+        ],
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )
+
+
 def main() -> int:
     """Run; 2 for facts or a store that cannot be used."""
+    configure_log()
     try:
         asyncio.run(serve(arguments(sys.argv[1:])))
     except (StoreError, ConfigError) as error:

@@ -88,9 +88,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     app.include_router(page.router)
     app.add_middleware(BodyLimit, upload_limit_bytes=service.settings.upload_limit_bytes)
     app.add_middleware(Measure, metrics=service.metrics)
-    app.add_middleware(
-        Guard, bound_host=bound_host, stop_port=service.cell.service.stop_port, script_hashes=page.script_hashes
-    )
+    app.add_middleware(Guard, bound_host=bound_host, stop_port=service.stop_port, script_hashes=page.script_hashes)
     _complete_openapi(app)
     return app
 

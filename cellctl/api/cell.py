@@ -107,7 +107,7 @@ def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
 
 async def _stop_without_link(service: Service, person: Person, body: CellCommand) -> Reply:
     """The way of the console's button: straight to the stop listener. Raises CellAbsentError."""
-    port = service.cell.service.stop_port
+    port = service.stop_port
     document = {"id": body.id or "", "because": f"{person.name}: {body.because or 'stop'}"}
     try:
         async with httpx.AsyncClient(timeout=STOP_TIMEOUT_S, trust_env=False) as client:

@@ -30,6 +30,7 @@ class Settings:
     store: Path
     run: Path
     cell_file: Path
+    stop_port: int | None = None
     upload_limit_bytes: int = UPLOAD_LIMIT_BYTES
     worker_memory_bytes: int = WORKER_MEMORY_BYTES
     planning_slots: int = 1
@@ -50,10 +51,15 @@ class Service:
     inspections: asyncio.Semaphore
     metrics: Metrics
 
+    @property
+    def stop_port(self) -> int:
+        """Port on which the cell process listens for STOP."""
+        return self.cell.service.stop_port if self.settings.stop_port is None else self.settings.stop_port
+
     def stop_url(self, connection: HTTPConnection) -> str:
         """Where the cell process listens for STOP, as seen from the page's host."""
         name = connection.url.hostname or self.cell.service.host
-        return f"http://{f'[{name}]' if ':' in name else name}:{self.cell.service.stop_port}/stop"
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.stop_port}/stop"
 
 
 def service_of(connection: HTTPConnection) -> Service:

@@ -75,8 +75,8 @@ class Page:
     def file(self, path: str) -> Response:
         """A file of the page. A path that leads out of the folder is not found."""
         root = self.folder.resolve()
-        target = (root / path).resolve()
-        if "\0" in path or not target.is_relative_to(root) or not target.is_file() or target.name.startswith("."):
+        target = (root / path).resolve() if "\0" not in path else None
+        if target is None or not target.is_relative_to(root) or not target.is_file() or target.name.startswith("."):
             raise ApiError(
                 404, "Not found", "there is nothing at this path", "the interface is described at /openapi.json"
             )

@@ -18,6 +18,7 @@ from cellctl.planning.task import Done, Failed, Progress, Report, Task
 
 PR_SET_PDEATHSIG = 1
 NICENESS = 10
+NICENESS_WAITED_FOR = 2  # somebody looks at an upload until it is inspected
 REPORT_PERIOD_S = 0.1
 
 
@@ -28,9 +29,10 @@ def end_with(parent: int, sign: signal.Signals = signal.SIGKILL) -> None:
         raise SystemExit(1)
 
 
-def be_modest(memory_bytes: int) -> None:
+def be_modest(task: Task) -> None:
     """Low priority, and an address space that cannot take the machine down."""
-    os.nice(NICENESS)
+    memory_bytes = task.memory_bytes
+    os.nice(NICENESS_WAITED_FOR if task.kind == "inspect" else NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
@@ -91,7 +93,7 @@ def main(path: str) -> int:
     line = Line()
     task = msgspec.json.decode(Path(path).read_bytes(), type=Task)
     end_with(task.parent)
-    be_modest(task.memory_bytes)
+    be_modest(task)
     work(task, line)
     return 0
 
