@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from sim.process.stock import Stock
 from sim.process.target import Target
@@ -39,18 +38,11 @@ class Deviation:
         return {name: round(value, 1 if name.endswith("mm3") else 4) for name, value in asdict(self).items()}
 
 
-def look_up(stock: Stock, points: Array) -> Array:
-    """Field at points by trilinear interpolation, mm. points : (n, 3) float, mm -> (n,) float."""
-    grid = (points - stock.origin) / stock.cell_mm
-    value: Array = map_coordinates(stock.field, grid.T, order=1, mode="nearest", output=np.float64)
-    return value
-
-
 def surface_deviation(stock: Stock, target: Target, base_mm: float) -> tuple[Array, NDArray[np.bool_]]:
     """Deviation at the target's area-uniform samples, mm, and which of them count (those above `base_mm`)."""
     points = target.samples[target.spread]
     counted: NDArray[np.bool_] = points[:, 2] > base_mm
-    return -look_up(stock, points), counted
+    return -stock.distance(points), counted
 
 
 def compare(stock: Stock, target: Target, base_mm: float | None = None) -> Deviation:

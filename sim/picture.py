@@ -5,10 +5,9 @@ from __future__ import annotations
 import io
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numba import njit
 from numpy.typing import NDArray
@@ -20,11 +19,15 @@ from sim.process.target import Target
 
 Array = NDArray[np.float64]
 
-PIXELS = 1100  # of a view's side before it is halved for smooth edges
+PIXELS = 1200  # of a view's longer side before it is halved for smooth edges
 VIEWS = ((0.75, 0.55, "from front right"), (0.75 + np.pi, 0.3, "from back left"))  # azimuth, elevation, rad
-LIGHT = np.array([0.35, -0.45, 0.82])
+LIGHT = np.array([0.45, 0.55, 0.70])  # right, up, towards the eye
+AMBIENT, DIFFUSE, GLOSS, SHINE = 0.42, 0.52, 0.30, 24.0  # of Blinn and Phong's shading
 PAPER = 0.97
 INK = "#22272e"
+STEEL = LinearSegmentedColormap.from_list(
+    "steel", [(0.0, "#0b2a6b"), (0.25, "#2f78c4"), (0.46, "#b4bcc6"), (0.54, "#b9bcc0"), (0.75, "#e0702e"), (1.0, "#7a0a12")]
+)  # as milled in the middle, blue where metal is missing, red where there is too much
 
 
 def built_mesh(stock: Stock, base_mm: float) -> tuple[Array, NDArray[np.int64]]:
@@ -38,7 +41,7 @@ def built_mesh(stock: Stock, base_mm: float) -> tuple[Array, NDArray[np.int64]]:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     vertices, facets, _, _ = marching_cubes(field, 0.0, spacing=(stock.cell_mm,) * 3)  # type: ignore[no-untyped-call]
     origin = stock.origin + np.array([0.0, 0.0, first * stock.cell_mm])
-    return vertices - stock.cell_mm + origin, facets[:, ::-1].astype(np.int64)
+    return vertices - stock.cell_mm + origin, facets.astype(np.int64)
 
 
 @njit(cache=True, nogil=True)
@@ -84,58 +87,72 @@ def vertex_normals(vertices: Array, facets: NDArray[np.int64]) -> Array:
 
 
 def render(vertices: Array, facets: NDArray[np.int64], value: Array, azimuth: float, elevation: float, limit: float) -> Array:
-    """One view as an image (PIXELS/2, PIXELS/2, 3) in 0..1; value (n,) is coloured from -limit (blue) to +limit (red)."""
+    """One view as an image (h, w, 3) in 0..1, its longer side PIXELS/2; value (n,) is coloured from -limit (blue) to +limit (red)."""
     ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     right = np.array([-sa, ca, 0.0])
     towards = np.array([ca * ce, sa * ce, se])
     up = np.cross(towards, right)
     frame = vertices @ np.stack([right, up, towards], axis=1)
     low, high = frame[:, :2].min(axis=0), frame[:, :2].max(axis=0)
-    scale = 0.92 * PIXELS / float((high - low).max())
+    scale = 0.96 * PIXELS / float((high - low).max())
+    width, height = (2 * int(np.ceil(0.5 * side)) for side in (high - low) * scale + 0.04 * PIXELS)
     screen = np.empty_like(frame)
-    screen[:, :2] = (frame[:, :2] - 0.5 * (low + high)) * scale + 0.5 * PIXELS
+    screen[:, :2] = (frame[:, :2] - 0.5 * (low + high)) * scale + 0.5 * np.array([width, height])
     screen[:, 2] = frame[:, 2]
-    light = LIGHT[0] * right + LIGHT[1] * -up + LIGHT[2] * towards
-    light = light / np.linalg.norm(light)
-    shade = 0.55 + 0.45 * np.clip(vertex_normals(vertices, facets) @ light, 0.0, 1.0)
-    drawn = rasterise(screen, facets, value, shade, PIXELS, PIXELS)[::-1]
-    colours = colormaps["RdBu_r"](np.clip(0.5 + 0.5 * drawn[..., 0] / limit, 0.0, 1.0))[..., :3]
-    image = np.where(drawn[..., 2:3] > 0.0, colours * drawn[..., 1:2], PAPER)
-    halved: Array = image.reshape(PIXELS // 2, 2, PIXELS // 2, 2, 3).mean(axis=(1, 3))
+    drawn = rasterise(screen, facets, value, shading(vertices, facets, right, up, towards), width, height)[::-1]
+    colours = STEEL(np.clip(0.5 + 0.5 * drawn[..., 0] / limit, 0.0, 1.0))[..., :3]
+    matt = np.minimum(drawn[..., 1:2], AMBIENT + DIFFUSE)
+    lit = colours * matt + np.maximum(drawn[..., 1:2] - matt, 0.0)
+    image = np.where(drawn[..., 2:3] > 0.0, np.clip(lit, 0.0, 1.0), PAPER)
+    halved: Array = image.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
     return halved
+
+
+def shading(vertices: Array, facets: NDArray[np.int64], right: Array, up: Array, towards: Array) -> Array:
+    """Brightness of each vertex, (n,): AMBIENT to AMBIENT + DIFFUSE, more is gloss."""
+    normals = vertex_normals(vertices, facets)
+    light = LIGHT[0] * right + LIGHT[1] * up + LIGHT[2] * towards
+    light = light / np.linalg.norm(light)
+    half = (light + towards) / np.linalg.norm(light + towards)
+    facing = np.clip(normals @ light, 0.0, 1.0)
+    gloss = np.clip(normals @ half, 0.0, 1.0) ** SHINE
+    brightness: Array = AMBIENT + DIFFUSE * facing + GLOSS * gloss * facing
+    return brightness
 
 
 def picture(stock: Stock, target: Target, deviation: Deviation, tolerance_mm: float, name: str) -> bytes:
     """PNG of the as-built part. Colours end at twice the tolerance; what stands on the substrate only is drawn."""
     vertices, facets = built_mesh(stock, stock.cell_mm)
-    figure = Figure(figsize=(11.0, 6.2), dpi=110, facecolor=(PAPER,) * 3)
+    figure = Figure(figsize=(12.0, 6.6), dpi=110, facecolor=(PAPER,) * 3)
     FigureCanvasAgg(figure)
     limit = 2.0 * tolerance_mm
     if len(vertices):
         value = target.signed_distance(vertices)
         for index, (azimuth, elevation, words) in enumerate(VIEWS):
-            axes = figure.add_axes((0.01 + 0.44 * index, 0.10, 0.44, 0.78))
+            axes = figure.add_axes((0.015 + 0.455 * index, 0.16, 0.445, 0.74))
             axes.imshow(render(vertices, facets, value, azimuth, elevation, limit), interpolation="antialiased")
             axes.set_axis_off()
-            axes.set_title(words, color=INK, fontsize=9, y=-0.02)
+            figure.text(0.2375 + 0.455 * index, 0.135, words, color=INK, fontsize=9, ha="center")
     else:
-        figure.text(0.45, 0.5, "no metal stands on the substrate", ha="center", color=INK, fontsize=14)
-    bar = figure.add_axes((0.92, 0.16, 0.018, 0.66))
-    scale = figure.colorbar(ScalarMappable(Normalize(-limit, limit), "RdBu_r"), cax=bar)
+        figure.text(0.46, 0.5, "no metal stands on the substrate", ha="center", color=INK, fontsize=14)
+    bar = figure.add_axes((0.935, 0.20, 0.014, 0.62))
+    scale = figure.colorbar(ScalarMappable(Normalize(-limit, limit), STEEL), cax=bar)
     scale.set_ticks([-limit, -tolerance_mm, 0.0, tolerance_mm, limit])
     scale.ax.tick_params(labelsize=8, colors=INK)
     bar.set_title("mm", fontsize=9, color=INK)
-    figure.text(0.02, 0.94, f"{name}: as built, coloured by deviation from the mesh", fontsize=13, color=INK, weight="bold")
-    figure.text(0.02, 0.035, caption(deviation, tolerance_mm), fontsize=9.5, color=INK)
+    bar.axhspan(-tolerance_mm, tolerance_mm, xmin=-0.35, xmax=-0.15, color=INK, clip_on=False)
+    figure.text(0.02, 0.935, f"{name}: as built, coloured by deviation from the mesh", fontsize=14, color=INK, weight="bold")
+    figure.text(0.02, 0.03, caption(deviation, tolerance_mm), fontsize=9.5, color=INK, linespacing=1.5)
     out = io.BytesIO()
     figure.savefig(out, format="png", metadata={"Software": None}, facecolor=figure.get_facecolor())
     return out.getvalue()
 
 
 def caption(deviation: Deviation, tolerance_mm: float) -> str:
-    """The figures under the picture, one line."""
+    """The figures under the picture, two lines."""
     return (
-        f"99 % of the surface within {deviation.p99_mm:.3f} mm (tolerance {tolerance_mm:g} mm)   median {deviation.p50_mm:.3f} mm   "
-        f"most excess {deviation.max_excess_mm:.2f} mm, most missing {deviation.max_missing_mm:.2f} mm   "
-        f"missing {deviation.missing_mm3:.1f} of {deviation.part_mm3:.0f} mm³   grid {deviation.cell_mm:g} mm"
+        f"99 % of the surface within {deviation.p99_mm:.3f} mm (tolerance {tolerance_mm:g} mm, the bar beside the scale), "
+        f"median {deviation.p50_mm:.3f} mm, most excess {deviation.max_excess_mm:.2f} mm, most missing {deviation.max_missing_mm:.2f} mm\n"
+        f"missing {deviation.missing_mm3:.1f} and excess {deviation.excess_mm3:.1f} of {deviation.part_mm3:.0f} mm³; "
+        f"{deviation.samples} points of the surface above the joint with the plate, grid {deviation.cell_mm:g} mm"
     )

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from config import Material
 from sim.process.cut import remove_piece
@@ -68,6 +69,17 @@ class Stock:
         np.minimum(self.field, np.clip(distance, -self.band_mm, self.band_mm), out=self.field, casting="same_kind")
         filled = np.flatnonzero((self.field < self.band_mm).any(axis=(0, 1)))
         self._top = int(filled[-1]) if len(filled) else -1
+
+    def distance(self, points: Array) -> Array:
+        """Signed distance at points by trilinear interpolation, mm, negative in metal. points : (n, 3) float, mm -> (n,) float"""
+        value: Array = map_coordinates(self.field, ((points - self.origin) / self.cell_mm).T, order=1, mode="nearest", output=np.float64)
+        return value
+
+    def volume_mm3(self, above_mm: float = 0.0) -> float:
+        """Metal above a height of the build frame; cells on the surface count by their filled fraction."""
+        first = max(0, int(np.ceil((above_mm - self.origin[2]) / self.cell_mm + 0.5)))
+        filled = np.clip(0.5 - self.field[:, :, first:] / self.cell_mm, 0.0, 1.0)
+        return float(filled.sum(dtype=np.float64)) * self.cell_mm**3
 
     def deposit(self, start: Array, end: Array, axis: Array, power_w: float, powder_g_min: float, seconds: float) -> float:
         """Add metal along one straight piece of the spot's path; returns the volume that stuck, mm3.
