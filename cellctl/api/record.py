@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -82,6 +84,13 @@ def _pairs(title: str, values: dict[str, Any] | None) -> str:
 STYLE = """body{font:14px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1a1d21}
 table{border-collapse:collapse;margin:.5rem 0 1.5rem}th,td{text-align:left;padding:.25rem .75rem;border-bottom:1px solid #d6dae0}
 th{font-weight:600;background:#f2f4f7}td{font-variant-numeric:tabular-nums;overflow-wrap:anywhere}h1{margin-bottom:.2rem}"""
+
+
+PAGE_POLICY = (
+    f"default-src 'none'; style-src 'sha256-{base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""Content-Security-Policy of the page: its own style and nothing else."""
 
 
 def html_of(record: dict[str, Any]) -> str:

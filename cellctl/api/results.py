@@ -16,7 +16,7 @@ from starlette.background import BackgroundTask
 from cellctl.api.context import Service
 from cellctl.api.models import Program, ProgramFile
 from cellctl.api.problems import DOCUMENTED, ApiError
-from cellctl.api.record import html_of, record_of
+from cellctl.api.record import PAGE_POLICY, html_of, record_of
 from cellctl.api.sign_in import ServiceOf, Viewer
 from cellctl.planning.view import OVERVIEW, layer_file
 from cellctl.store import jobs
@@ -207,4 +207,8 @@ def get_record(
     """What was commanded, read back and done by whom, tied to the hashes of mesh, plan and program."""
     with service.store.read() as rows:
         record = record_of(rows, job_id)
-    return HTMLResponse(html_of(record)) if format == "html" else JSONResponse(record)
+    return (
+        HTMLResponse(html_of(record), headers={"Content-Security-Policy": PAGE_POLICY})
+        if format == "html"
+        else JSONResponse(record)
+    )
