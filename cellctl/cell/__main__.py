@@ -28,6 +28,7 @@ from config.base import ConfigError
 from config.cell import Cell, load_cell
 from drivers.clock import SystemClock
 from drivers.cnc.driver import CncDriver
+from planner.errors import PlannerError
 
 SNAPSHOT_S = 0.1
 log = structlog.get_logger()
@@ -166,7 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
         given.run.mkdir(parents=True, exist_ok=True)
         given.store.parent.mkdir(parents=True, exist_ok=True)
         asyncio.run(_main(load_cell(given.cell), given.run, given.store, given.stop_port))
-    except (ConfigError, StoreError) as error:
+    except (ConfigError, StoreError, PlannerError) as error:
         print(f"{error.message}\n  {error.hint}", file=sys.stderr)
         return 2
     except OSError as error:

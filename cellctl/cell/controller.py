@@ -12,6 +12,7 @@ from cellctl.cell.quiesce import Quiesce
 from cellctl.cell.record import END, PROGRESS, SAMPLE, Found, Journal, Sample
 from cellctl.cell.safety import LaserHand, Senses, Situation
 from cellctl.cell.stream import Run
+from cellctl.cell.tip import TipFinder
 from cellctl.cell.transaction import StepFailedError, Transaction
 from cellctl.domain.interlocks import may_emit
 from cellctl.domain.messages import Event
@@ -61,6 +62,7 @@ class Controller:
         self.times = times
         self.journal = journal
         self.found: Found = journal.find()
+        self.tips = TipFinder(cell)
         self.state = S.OFFLINE
         self.because = "the cell process has started"
         self.offline_line = "connecting"

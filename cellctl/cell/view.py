@@ -71,7 +71,10 @@ def _alarms(c: Controller) -> list[Alarm]:
 def _tip(c: Controller) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
     last = c.run.follower.last if c.run is not None else None
     if c.run is None or last is None:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0
+        status = c.drivers.cnc.status if c.drivers is not None else None
+        if status is None:
+            return (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0
+        return *c.tips.find(status.machine, status.tool or 0), 0.0
     tip, axis = c.run.timeline.tip_at(last.line, last.fraction)
     speed = c.run.follower.speed_mm_s if last.is_run else 0.0
     return (float(tip[0]), float(tip[1]), float(tip[2])), (float(axis[0]), float(axis[1]), float(axis[2])), speed

@@ -105,6 +105,15 @@ async def test_jog_and_home_lock_the_laser_out_and_need_the_door_closed(cell: Ce
     assert not reply.ok and "door" in reply.error
 
 
+async def test_the_tip_that_is_shown_at_rest_is_the_plants(cell: CellUnderTest) -> None:
+    for axis, distance in (("X", 30.0), ("A", 25.0), ("C", -40.0)):
+        assert (await cell.command("jog", axis=axis, distance=distance, feed=3000.0)).ok
+        await cell.forward(until=cell.is_state(State.IDLE), seconds=5)
+    await cell.forward(ticks=20)
+    in_build_frame = cell.sim.tip_position - np.array(cell.facts.placement.part_origin_mm)
+    assert cell.snapshot.tip == pytest.approx(tuple(in_build_frame), abs=0.01)
+
+
 async def test_hold_ends_a_jog(cell: CellUnderTest) -> None:
     await cell.command("jog", axis="X", distance=200.0, feed=3000.0)
     await cell.forward(ticks=30)

@@ -66,7 +66,9 @@ async def test_another_version_is_refused_with_one_line(server: IpcServer, tmp_p
 
 
 @pytest.mark.parametrize("frame", [HEADER.pack(1 << 30), HEADER.pack(3) + b"\xff\xff\xff"])
-async def test_a_frame_that_is_too_long_or_not_ours_is_refused_and_the_server_lives(server: IpcServer, tmp_path: Path, frame: bytes) -> None:
+async def test_a_frame_that_is_too_long_or_not_ours_is_refused_and_the_server_lives(
+    server: IpcServer, tmp_path: Path, frame: bytes
+) -> None:
     client = await Client.connect(tmp_path / "cell.sock")
     await client.read()
     client.writer.write(frame)

@@ -66,7 +66,9 @@ async def test_the_consoles_origin_is_allowed_and_a_strangers_is_not(listening: 
     assert own["access-control-allow-origin"] == "http://127.0.0.1:8000"
     _, other, _ = await listening.ask(post(b"{}", "http://evil.example"))
     assert "access-control-allow-origin" not in other
-    status, preflight, _ = await listening.ask(b"OPTIONS /stop HTTP/1.1\r\nHost: 127.0.0.1:1\r\nOrigin: http://localhost:8000\r\n\r\n")
+    status, preflight, _ = await listening.ask(
+        b"OPTIONS /stop HTTP/1.1\r\nHost: 127.0.0.1:1\r\nOrigin: http://localhost:8000\r\n\r\n"
+    )
     assert status == 204 and "POST" in preflight["access-control-allow-methods"]
 
 
@@ -81,6 +83,8 @@ async def test_health_tells_the_state(listening: Listening) -> None:
      (b"POST /stop HTTP/1.1\r\nContent-Length: 99999\r\n\r\n", 413), (b"POST /stop HTTP/1.1\r\nContent-Length: x\r\n\r\n", 400),
      (b"GET / HTTP/1.1\r\nX: " + b"y" * 20000 + b"\r\n\r\n", 431)],
 )  # fmt: skip
-async def test_what_is_no_stop_is_refused_and_stops_nothing(listening: Listening, request_bytes: bytes, status: int) -> None:
+async def test_what_is_no_stop_is_refused_and_stops_nothing(
+    listening: Listening, request_bytes: bytes, status: int
+) -> None:
     assert (await listening.ask(request_bytes))[0] == status
     assert listening.stops == []

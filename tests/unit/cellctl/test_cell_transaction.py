@@ -48,7 +48,11 @@ def test_a_step_that_is_not_verified_in_time_fails_with_its_words() -> None:
     transaction.advance(0.0)
     with pytest.raises(StepFailedError) as caught:
         transaction.advance(1.1)
-    assert (caught.value.code, caught.value.detail, caught.value.remedy) == ("step_failed", "deploying failed: parked=True", "look")
+    assert (caught.value.code, caught.value.detail, caught.value.remedy) == (
+        "step_failed",
+        "deploying failed: parked=True",
+        "look",
+    )
 
 
 def test_no_steps_are_done_at_once() -> None:

@@ -77,7 +77,14 @@ def test_a_tip_that_advances_between_reports_moves() -> None:
 
 
 @pytest.mark.parametrize(
-    "judge", [judged([1.0]), judged([1.0, 1.0]), judged([1.0, 1.02]), judged([1.0, 2.0], is_run=False), judged([1.0, 2.0], feed=0.0)]
+    "judge",
+    [
+        judged([1.0]),
+        judged([1.0, 1.0]),
+        judged([1.0, 1.02]),
+        judged([1.0, 2.0], is_run=False),
+        judged([1.0, 2.0], feed=0.0),
+    ],
 )
 def test_standstill_creeping_no_run_or_no_feed_is_no_motion_and_says_why(judge: MotionJudge) -> None:
     assert not judge.is_moving(0.2)
