@@ -178,9 +178,13 @@ def add_pieces(
 def _underside(column: FIELD, z0: float, cell: float, surface: float, deepest: float) -> float:
     """Height (mm) of the lower end of the metal that carries `surface`; OPEN_BELOW where it goes on below `deepest`."""
     k = int(np.ceil((surface - z0) / cell)) - 1
+    if k > 0 and column[k] >= 0.0:  # the surface lies on this point of the grid but for rounding
+        k -= 1
+    if k < 0 or column[k] >= 0.0:
+        return surface
     while k > 0 and z0 + k * cell > deepest and column[k] < 0.0:
         k -= 1
-    if k < 0 or column[k] < 0.0:
+    if column[k] < 0.0:
         return OPEN_BELOW
     above = column[k + 1]
     return z0 + (k + (column[k] / (column[k] - above) if above < 0.0 else 1.0)) * cell
