@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cellctl.planning.jobwork import proof_summary
+from cellctl.planning.process import WorkerError, Workers
+from cellctl.planning.task import Task
+
+
+def said(_stage: str, _fraction: float) -> None:
+    pass
+
+
+async def test_worker_that_needs_too_much_memory_fails_with_the_reason(tmp_path: Path, block: Path) -> None:
+    workers = Workers(tmp_path, 200 * 2**20)
+    with pytest.raises(WorkerError) as caught:
+        await workers.run(
+            Task(kind="inspect", folder=str(tmp_path), parent=0, memory_bytes=0, part_name="block", mesh=str(block)),
+            said,
+        )
+    assert caught.value.failed.detail and "\n" not in caught.value.failed.detail
+    assert not list(tmp_path.glob("mesh.stl"))
+
+
+async def test_errors_of_the_planner_come_back_in_its_words(tmp_path: Path, block: Path) -> None:
+    workers = Workers(tmp_path, 8 * 2**30)
+    task = Task(
+        kind="plan",
+        folder=str(tmp_path),
+        parent=0,
+        memory_bytes=0,
+        part_name="block",
+        mesh=str(block),
+        recipe_toml="colour = 1",
+    )
+    with pytest.raises(WorkerError) as caught:
+        await workers.run(task, said)
+    assert (
+        caught.value.failed.title == "The recipe cannot be used" and "colour: unknown key" in caught.value.failed.detail
+    )
+    assert caught.value.failed.status == 422 and caught.value.failed.hint
+
+
+def test_proof_is_summed_up_by_its_figures() -> None:
+    document = {
+        "passed": True,
+        "deviation": {"p99_mm": 0.1},
+        "findings": [{"severity": "error"}, {"severity": "warning"}],
+        "reasons": [],
+    }
+    assert proof_summary(document) == {"passed": True, "p99_mm": 0.1, "findings": {"error": 1, "warning": 1}}
