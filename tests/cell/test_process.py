@@ -23,7 +23,7 @@ from config.cell import load_cell
 from planner.files import write_program
 from tests.cell.jobs import one_wall
 
-START_S = 40.0  # a loaded machine takes its time to import
+START_S = 90.0  # a loaded machine takes its time to import
 TIME_SCALE = 8.0
 
 
