@@ -84,9 +84,10 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class StatusReport:
-    """A status report was read."""
+    """A status report was read. unanswered: lines that had no answer yet at its place in the stream of answers."""
 
     status: Status
+    unanswered: int
 
 
 @dataclass(frozen=True, slots=True)

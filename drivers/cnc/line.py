@@ -257,8 +257,8 @@ class CncLine:
         match event:
             case LineAccepted():
                 self._progress_at = self.clock.now()
-            case StatusReport(status):
-                self._follow(status)
+            case StatusReport(status, unanswered):
+                self._follow(status, unanswered)
             case LineRejected(n, code):
                 self._stop_stream(f"line {n} was refused (error {code})")
             case AlarmRaised(code):
@@ -275,13 +275,13 @@ class CncLine:
             case _:
                 pass
 
-    def _follow(self, status: Status) -> None:
+    def _follow(self, status: Status, unanswered: int) -> None:
         before, self.status = self.status, status
         if status.state in PAUSING or before is None or (status.state in MOVING and (status.machine != before.machine or status.line != before.line)):
             self._progress_at = status.at
         if self._program is not None:
             empty = self.identity.planner_blocks if self.identity else None
-            self._program.follow(status, self.protocol.unanswered + (self._going is not None), empty)
+            self._program.follow(status, unanswered, empty)
 
     def _watch(self) -> None:
         """Tell once when the answer to the oldest line is overdue."""

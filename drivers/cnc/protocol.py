@@ -171,7 +171,7 @@ class GrblProtocol:
 
     def _report(self, line: str, now: float, events: list[CncEvent]) -> None:
         try:
-            events.append(StatusReport(self.reader.read(line, now)))
+            events.append(StatusReport(self.reader.read(line, now), self.unanswered))
         except MalformedReport:
             self._damaged(line, events)
 

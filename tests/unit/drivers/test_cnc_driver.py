@@ -425,3 +425,17 @@ async def test_program_from_an_iterator_ends_by_itself() -> None:
     driver.release(10**9)
     run(driver, clock, 1.0)
     assert cnc.executed == program(30) and driver.is_drained
+
+
+async def test_idle_said_before_the_ok_of_the_same_read_does_not_count_the_line_as_executed() -> None:
+    driver, cnc, _, _ = far_end(FakeCnc(line_s=5.0))
+    await driver.identify()
+    driver.load(program(1))
+    driver.release(1)
+    idle = cnc.report().encode() + b"\r\n"
+    driver.pump()  # the line goes out; its `ok` waits to be read
+    cnc.out[:0] = idle * 5  # said while the machine still stood
+    driver.pump()
+    assert idle.startswith(b"<Idle") and cnc.state == "Run" and cnc.executed == []
+    assert driver.counts.acknowledged == 1
+    assert driver.counts.executed == 0 and not driver.is_drained
