@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, Request, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
 from cellctl.console.build import ConsoleBuildError, build
 from tests.console.running_cell import RunningCell
@@ -23,6 +23,7 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 VIEW = {"width": 1280, "height": 800}
+PATIENCE_MS = 30_000  # software drawing, worker processes: on a busy machine
 
 
 @dataclass
@@ -57,6 +58,7 @@ def cell() -> Iterator[RunningCell]:
 def browser() -> Iterator[Browser]:
     if not CHROMIUM.exists():
         pytest.skip(f"no browser at {CHROMIUM}; Debian: apt install chromium")
+    expect.set_options(timeout=PATIENCE_MS)
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield chromium
@@ -72,7 +74,7 @@ def heard() -> Heard:
 def page(cell: RunningCell, browser: Browser, heard: Heard) -> Iterator[Page]:
     """The console as it opens, nobody signed in."""
     context = browser.new_context(viewport={"width": VIEW["width"], "height": VIEW["height"]}, base_url=cell.url)
-    context.set_default_timeout(30_000)
+    context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     page.on("request", heard.request)
     page.on("console", heard.message)

@@ -12,12 +12,13 @@ from playwright.sync_api import Page, expect
 from tests.console.conftest import Heard
 from tests.console.running_cell import RunningCell
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = pytest.mark.timeout(300)
 PICTURES = Path(__file__).resolve().parent / "pictures"
 PICTURE_BYTES_MAX = 300_000
 PLANNED_MS = 150_000  # plan, post and proof, on a busy machine
 MM_PX = 96 / 25.4
-NAME = '<img src="x" onerror="document.title=\'run\'">block'
+NAME = "Bearing block"
+MARKUP = '<img src="x" onerror="document.title=1">'
 
 
 def sign_in(page: Page, cell: RunningCell) -> None:
@@ -37,11 +38,11 @@ def picture(page: Page, name: str) -> None:
     assert path.stat().st_size < PICTURE_BYTES_MAX
 
 
-def submit(page: Page, part: Path) -> None:
+def submit(page: Page, part: Path, name: str) -> None:
     page.get_by_role("tab", name="Jobs").click()
     page.get_by_role("button", name="New job").click()
     page.get_by_label("Part file").set_input_files(part)
-    page.get_by_label("Name").fill(NAME)
+    page.get_by_label("Name").fill(name)
     page.get_by_label("Tolerance, mm").fill("0.2")
     page.get_by_role("button", name="Submit").click()
 
@@ -67,10 +68,9 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
 ) -> None:
     sign_in(page, cell)
     state_is(page, "IDLE")
-    submit(page, block)
+    submit(page, block, NAME)
     expect(page.locator("[data-state=waiting_for_approval]")).to_be_visible(timeout=PLANNED_MS)
-    expect(page.locator(".job-heading")).to_have_text(NAME)  # as text, not as HTML
-    assert page.title() == "Hybrid cell console"
+    expect(page.locator(".job-heading")).to_have_text(NAME)
     expect(page.locator(".proof")).to_contain_text("Passed")
     expect(page.locator(".proof img")).to_have_js_property("complete", True)
     picture(page, "approve")
@@ -92,14 +92,14 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     state_is(page, "FAULT")
     alarm = page.get_by_role("alert").filter(has_text="The door is open")
     expect(alarm).to_contain_text("Remedy: close the door")
-    expect(page.get_by_text("Door open")).to_be_visible()
+    expect(page.locator(".conditions").get_by_text("Door open")).to_be_visible()
     assert cell.sim("state")["laser"]["emission_w"] == 0.0
     picture(page, "alarm")
 
     page.get_by_role("button", name="RESET").click()
     expect(page.locator(".notice")).to_contain_text("The door is open")  # refused while it is
     cell.sim("close_door")
-    expect(page.get_by_text("Door closed")).to_be_visible()
+    expect(page.locator(".conditions").get_by_text("Door closed")).to_be_visible()
     page.get_by_label("Because").fill("closed the door")
     page.get_by_role("button", name="RESET").click()
     state_is(page, "HELD")
@@ -117,6 +117,23 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     assert {urlsplit(url).netloc for url in heard.requests if not url.startswith(("data:", "blob:"))} <= set(own)
     refused = [text for text in heard.complaints if "409" not in text]  # the early reset
     assert not refused
+
+
+def test_name_with_markup_is_shown_as_text_and_its_job_can_be_cancelled(
+    page: Page, cell: RunningCell, block: Path
+) -> None:
+    sign_in(page, cell)
+    submit(page, block, MARKUP)
+
+    expect(page.locator(".job-heading")).to_have_text(MARKUP)
+    expect(page.locator(".view-name")).to_have_text(MARKUP)
+    assert page.locator("img[src=x]").count() == 0
+    assert page.title() == "Hybrid cell console"
+
+    page.get_by_role("button", name="Cancel job").click()
+    expect(page.locator(".job-state[data-state=cancelled]")).to_be_visible()
+    page.get_by_role("button", name="All jobs").click()
+    expect(page.locator(".job-title").first).to_have_text(MARKUP)
 
 
 def test_stop_needs_no_sign_in_and_shows_its_round_trip(page: Page, cell: RunningCell) -> None:

@@ -12,24 +12,29 @@ const say = words.alarms;
 export function AlarmBanner() {
   const now = snapshot.value;
   if (!now || (now.alarms.length === 0 && !isLatched.value)) return null;
-  const [first, ...others] = now.alarms;
   return (
     <section class="alarms" role="alert" aria-label={say.region}>
       <Sign name="fault" />
       <div class="alarm-words">
-        <strong>{first?.cause ?? say.stopped}</strong>
-        <span>
-          <b>{say.remedy}:</b> {first?.remedy ?? say.stoppedRemedy}
-        </span>
-        {first && (
-          <small>
-            {say.since(clock(first.at))} · {first.code}
-            {others.length > 0 && ` · ${say.more(others.length)}: ${others.map((alarm) => alarm.cause).join("; ")}`}
-          </small>
-        )}
+        {now.alarms.length === 0 && <Words cause={say.stopped} remedy={say.stoppedRemedy} since="" />}
+        {now.alarms.map((alarm) => (
+          <Words key={`${alarm.id} ${alarm.code}`} cause={alarm.cause} remedy={alarm.remedy} since={`${say.since(clock(alarm.at))} · ${alarm.code}`} />
+        ))}
       </div>
       {isLatched.value && <Reset />}
     </section>
+  );
+}
+
+/** The first alarm is written large: it is the one that counts, the others mostly follow from it. */
+function Words({ cause, remedy, since }: { cause: string; remedy: string; since: string }) {
+  return (
+    <div class="alarm">
+      <strong>{cause}</strong>
+      <span>
+        <b>{say.remedy}:</b> {remedy} {since && <small>({since})</small>}
+      </span>
+    </div>
   );
 }
 

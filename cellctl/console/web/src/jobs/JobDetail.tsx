@@ -56,7 +56,7 @@ function Facts({ job }: { job: Job }) {
   const direction = Array.isArray(recipe.build_direction) ? recipe.build_direction.join(", ") : String(recipe.build_direction ?? words.dash);
   const rows: [string, string][] = [
     [say.material, job.material],
-    [say.process, words.submit.processes[String(recipe.process)] ?? String(recipe.process ?? words.dash)],
+    [say.process, say.processes[String(recipe.process)] ?? String(recipe.process ?? words.dash)],
     [say.direction, direction],
     [say.tolerance, `${fixed(Number(recipe.tolerance_mm), 3)} mm`],
     [say.layers, job.layers ? whole(job.layers) : words.dash],

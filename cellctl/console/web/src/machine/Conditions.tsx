@@ -6,7 +6,6 @@ import { age } from "../words/format";
 
 const say = words.machine;
 const NEVER_S = 1e8;
-const HEAD = new Set(["head_deployed", "head_parked"]); // positions, neither good nor bad
 
 export function Conditions() {
   const now = snapshot.value;
@@ -27,6 +26,7 @@ export function Conditions() {
           {Object.entries(words.interlock).map(([name, texts]) => (
             <Interlock key={name} io={now.io} name={name as keyof IoView} texts={texts} />
           ))}
+          <Head io={now.io} />
         </ul>
         <Ages now={now} />
       </section>
@@ -59,15 +59,18 @@ function Condition({ ok, label, why }: { ok: boolean; label: string; why: string
 
 function Interlock({ io, name, texts }: { io: IoView; name: keyof IoView; texts: [string, string] }) {
   const is = Boolean(io[name]);
-  if (HEAD.has(name)) {
-    return (
-      <li class={is ? "neutral is" : "neutral"}>
-        <i aria-hidden="true">{is ? "●" : "○"}</i>
-        <span>{texts[is ? 0 : 1]}</span>
-      </li>
-    );
-  }
   return <Condition ok={is && io.connected} label={texts[is ? 0 : 1]} why="" />;
+}
+
+/** A position, neither good nor bad. */
+function Head({ io }: { io: IoView }) {
+  const where = io.head_deployed ? "deployed" : io.head_parked ? "parked" : "between";
+  return (
+    <li class="neutral">
+      <i aria-hidden="true">{where === "between" ? "◌" : "●"}</i>
+      <span>{words.head[where]}</span>
+    </li>
+  );
 }
 
 function Ages({ now }: { now: Snapshot }) {

@@ -64,7 +64,7 @@ function options(kind: Kind, width: number, height: number): uPlot.Options {
         splits: () => [-120, -90, -60, -30, 0].map((s) => trendNow() + s),
         values: () => [-120, -90, -60, -30, 0].map((s) => say.seconds(s)),
       },
-      { ...axis, size: 44 },
+      { ...axis, size: 44, values: (_plot, splits) => splits.map((value) => fixed(value, kind.least < 10 && value % 1 ? 1 : 0)) },
     ],
     series: [
       {},

@@ -1,7 +1,7 @@
 // The 3-D view with its layer slider.
 import { computed, effect, signal, untracked } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { snapshot } from "../state/cell";
+import { isStale, snapshot } from "../state/cell";
 import { shown } from "../state/jobs";
 import { facts, operations, plan } from "../state/plan";
 import { theme } from "../state/theme";
@@ -74,7 +74,7 @@ export function View3d() {
   useEffect(() => (host.current ? connect(host.current) : undefined), []);
   return (
     <section class="view panel" aria-label={say.region}>
-      <div class="stage" ref={host} />
+      <div class={isStale.value && onCell.value ? "stage is-stale" : "stage"} ref={host} />
       <Overlay />
       <LayerBar />
     </section>

@@ -1,21 +1,27 @@
 // One layer drawn twice: all of it dim, and what is executed of it bright on top.
 import { BufferAttribute, BufferGeometry, Group, LineBasicMaterial, LineSegments } from "three";
+import { LineMaterial } from "three/addons/lines/LineMaterial.js";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import type { Vector } from "../api/types";
 import { executedSegments, type Segments } from "./segments";
+
+const DONE_PX = 2.6; // width of what is executed
 
 export class LayerLines {
   readonly group = new Group();
   private readonly all: LineSegments<BufferGeometry, LineBasicMaterial>;
-  private readonly done: LineSegments<BufferGeometry, LineBasicMaterial>;
+  private done: LineSegments2 | null = null; // made when the first segment is executed
+  private isBelow = false;
   private executed = 0;
 
   constructor(private readonly segments: Segments) {
-    const position = new BufferAttribute(segments.ends, 3);
-    const colour = new BufferAttribute(segments.colours, 3);
-    this.all = lines(position, colour, 1);
-    this.done = lines(position, colour, 1);
-    this.done.geometry.setDrawRange(0, 0);
-    this.group.add(this.all, this.done);
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(segments.ends, 3));
+    geometry.setAttribute("color", new BufferAttribute(segments.colours, 3));
+    this.all = new LineSegments(geometry, new LineBasicMaterial({ vertexColors: true, depthWrite: false }));
+    this.all.frustumCulled = false;
+    this.group.add(this.all);
   }
 
   get count(): number {
@@ -24,9 +30,10 @@ export class LayerLines {
 
   /** Above or at the layer that is looked at: plain. Below it: faint, as what carries it. */
   setLook(look: "plain" | "below" | "waiting"): void {
-    this.all.material.opacity = { plain: 1, below: 0.16, waiting: 0.34 }[look];
+    this.all.material.opacity = { plain: 1, below: 0.16, waiting: 0.36 }[look];
     this.all.material.transparent = look !== "plain";
-    this.done.visible = look !== "below";
+    this.isBelow = look === "below";
+    if (this.done) this.done.visible = !this.isBelow && this.executed > 0;
   }
 
   /** Highlight what is executed. True if that changed. */
@@ -44,25 +51,30 @@ export class LayerLines {
   private highlight(executed: number): boolean {
     const changed = executed !== this.executed;
     this.executed = executed;
-    this.done.geometry.setDrawRange(0, executed * 2);
+    if (executed > 0) this.done ??= this.makeDone();
+    if (this.done) {
+      this.done.geometry.instanceCount = executed;
+      this.done.visible = !this.isBelow && executed > 0;
+    }
     return changed;
   }
 
+  private makeDone(): LineSegments2 {
+    const geometry = new LineSegmentsGeometry();
+    geometry.setPositions(this.segments.ends);
+    geometry.setColors(this.segments.colours);
+    const done = new LineSegments2(geometry, new LineMaterial({ vertexColors: true, linewidth: DONE_PX, depthWrite: false }));
+    done.frustumCulled = false;
+    done.renderOrder = 1;
+    this.group.add(done);
+    return done;
+  }
+
   dispose(): void {
-    for (const drawn of [this.all, this.done]) {
-      drawn.geometry.dispose();
-      drawn.material.dispose();
-    }
+    this.all.geometry.dispose();
+    this.all.material.dispose();
+    this.done?.geometry.dispose();
+    this.done?.material.dispose();
     this.group.removeFromParent();
   }
-}
-
-function lines(position: BufferAttribute, colour: BufferAttribute, opacity: number): LineSegments<BufferGeometry, LineBasicMaterial> {
-  const geometry = new BufferGeometry();
-  geometry.setAttribute("position", position);
-  geometry.setAttribute("color", colour);
-  const material = new LineBasicMaterial({ vertexColors: true, opacity, transparent: opacity < 1, depthWrite: false });
-  const drawn = new LineSegments(geometry, material);
-  drawn.frustumCulled = false;
-  return drawn;
 }

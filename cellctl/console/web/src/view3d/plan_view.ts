@@ -28,7 +28,10 @@ export class PlanView {
     this.ghost.clear();
     if (!shown) return this.stage.draw();
     const [low, high] = shown.plan.bounds;
-    if (low && high) this.stage.setBounds(low, high);
+    if (low && high) {
+      this.stage.setBounds(low, high);
+      this.tool.setScale(Math.max(...high.map((value, k) => value - (low[k] ?? 0))));
+    }
     void this.ghost.load(shown.part, shown.plan.build_from_part);
   }
 

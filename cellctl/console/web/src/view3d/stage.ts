@@ -5,7 +5,7 @@ import { colour } from "../state/theme";
 
 const PIXELS_MAX = 1.5; // device pixels per pixel: more costs without being seen on lines
 const DIRECTIONS = { fit: new Vector3(0.75, -1, 0.7), top: new Vector3(0, -0.001, 1), side: new Vector3(0, -1, 0.12) };
-const MARGIN = 1.25; // around the part, for the tool
+const MARGIN = 1.35; // around the part, for the tool
 
 export type ViewName = keyof typeof DIRECTIONS;
 

@@ -91,7 +91,6 @@ export const words = {
   alarms: {
     region: "Alarms",
     remedy: "Remedy",
-    more: (count: number) => `and ${count} more`,
     since: (time: string) => `since ${time}`,
     reset: "RESET",
     stopped: "Stopped by STOP.",
@@ -183,9 +182,8 @@ export const words = {
     chiller_ok: ["Chiller ready", "Chiller not ready"],
     gas_pressure_ok: ["Gas pressure", "Gas pressure low"],
     fume_extraction_ok: ["Extraction on", "Extraction off"],
-    head_deployed: ["Head deployed", "Head not deployed"],
-    head_parked: ["Head parked", "Head not parked"],
   } as Record<string, [string, string]>,
+  head: { deployed: "Head deployed", parked: "Head parked", between: "Head between" },
   ok: "met",
   notOk: "not met",
 
@@ -197,7 +195,7 @@ export const words = {
     grams: "g/min",
     set: "set",
     read: "read",
-    seconds: (s: number) => (s === 0 ? "now" : `${s} s`),
+    seconds: (s: number) => (s === 0 ? "now" : `−${-s} s`),
   },
 
   view: {
@@ -251,6 +249,7 @@ export const words = {
     material: "Material",
     tolerance: "Tolerance",
     process: "Process",
+    processes: { hybrid: "Hybrid", deposit: "Deposit only", mill: "Mill only" } as Record<string, string>,
     direction: "Build direction",
     layers: "Layers",
     duration: "Duration",
