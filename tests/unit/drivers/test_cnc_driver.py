@@ -428,12 +428,14 @@ async def test_program_from_an_iterator_ends_by_itself() -> None:
 
 
 async def test_idle_said_before_the_ok_of_the_same_read_does_not_count_the_line_as_executed() -> None:
-    driver, cnc, _, _ = far_end(FakeCnc(line_s=5.0))
+    driver, cnc, _, clock = far_end(FakeCnc(line_s=5.0))
     await driver.identify()
     driver.load(program(1))
     driver.release(1)
     idle = cnc.report().encode() + b"\r\n"
-    driver.pump()  # the line goes out; its `ok` waits to be read
+    while cnc.state != "Run":  # the line goes out at the line's pace; then its `ok` waits to be read
+        clock.advance(0.001)
+        driver.pump()
     cnc.out[:0] = idle * 5  # said while the machine still stood
     driver.pump()
     assert idle.startswith(b"<Idle") and cnc.state == "Run" and cnc.executed == []
