@@ -12,7 +12,7 @@ export function EventLog() {
       {events.value.length === 0 && <p class="muted">{say.none}</p>}
       <ol>
         {events.value.map((event) => (
-          <li key={event.seq} class={`event ${event.kind}`}>
+          <li key={event.seq} class={event.kind === "alarm" ? "event is-alarm" : "event"}>
             <time>{clock(event.at)}</time>
             <b>{say.kinds[event.kind] ?? event.kind}</b>
             <span>{event.text}</span>

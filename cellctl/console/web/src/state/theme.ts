@@ -16,8 +16,9 @@ export const theme = signal<Theme>(remembered());
 document.documentElement.dataset.theme = theme.value;
 
 export function changeTheme(): void {
-  theme.value = theme.peek() === "dark" ? "light" : "dark";
-  document.documentElement.dataset.theme = theme.value;
+  const next = theme.peek() === "dark" ? "light" : "dark";
+  document.documentElement.dataset.theme = next; // first: what draws itself anew reads its colours from there
+  theme.value = next;
   try {
     localStorage.setItem(KEY, theme.value);
   } catch {

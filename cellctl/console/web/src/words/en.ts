@@ -321,6 +321,8 @@ export const words = {
       command: "Command",
       reset: "Reset",
       job: "Job",
+      layer: "Layer",
+      process: "Process",
       cnc: "CNC",
       connected: "Link",
       offline: "Link",
