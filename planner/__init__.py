@@ -1,13 +1,48 @@
 """From mesh and recipe to toolpaths and G-code: `plan(mesh, recipe)`, then `post(plan, cell)`.
 
-The names `plan` and `post` are the functions; what the modules of the same names hold is imported as
-`from planner.plan import Plan`.
+The names `plan` and `post` are the functions; the modules of the same names are imported as `from planner.plan import Plan`.
+What is heavy is loaded when it is called: whoever only reads Plans and Programs does not wait for numba and scipy.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import planner.plan
 from planner.errors import PlannerError
-from planner.mesh import Mesh, load
-from planner.pipeline import plan
-from planner.post import post
-from planner.recipe import Recipe, load_recipe, parse_recipe
+from planner.post import post as _post
+
+if TYPE_CHECKING:
+    from planner.mesh import Mesh, load
+    from planner.plan import Plan
+    from planner.recipe import Recipe, load_recipe, parse_recipe
 
 __all__ = ["Mesh", "PlannerError", "Recipe", "load", "load_recipe", "parse_recipe", "plan", "post"]
+
+_HOMES = {"Mesh": "mesh", "load": "mesh", "Recipe": "recipe", "load_recipe": "recipe", "parse_recipe": "recipe"}
+
+
+def _plan(
+    mesh: object,
+    recipe: Recipe,
+    *,
+    part_name: str = "part",
+    progress: Callable[[str, float], None] | None = None,
+    findings: Iterable[str] = (),
+) -> Plan:
+    """How to make a part: see `planner.pipeline.plan`."""
+    from planner import pipeline
+
+    return pipeline.plan(mesh, recipe, part_name=part_name, progress=progress, findings=findings)
+
+
+plan = _plan
+post = _post
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f"planner.{_HOMES[name]}"), name)
+    raise AttributeError(f"module 'planner' has no attribute {name!r}")

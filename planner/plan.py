@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.nurbs.curve import Curve
+if TYPE_CHECKING:
+    from planner.nurbs.curve import Curve
 
 Array = NDArray[np.float64]
 

@@ -1,113 +1,30 @@
-"""A Plan for one cell and one placement: G-code lines, line table and process schedule."""
+"""A Plan for one cell and one placement: G-code lines, line table and process schedule.
+
+The functions load what they need when they are called: whoever only reads Programs does not wait for numba and scipy.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    from config.cell import Cell, Placement
+    from planner.plan import Plan
+    from planner.post.posting import PostReport
+    from planner.program import Program
 
-from config import ConfigError
-from config.cell import Cell, Placement
-from config.material import load_material
-from planner.errors import PostError
-from planner.files.plan_file import plan_sha256
-from planner.kinematics.chain import Chain
-from planner.plan import Plan
-from planner.post.assemble import assemble
-from planner.post.reread import RereadReport, check, verify
-from planner.post.room import check_room, table_from_build
-from planner.post.sequence import Counts, Sequencer
-from planner.post.tools import tool_for
-from planner.program import Program
-
-__all__ = ["DIALECTS", "PostReport", "post", "post_with_report"]
-
-DIALECTS = ("grblhal",)
-
-
-@dataclass(frozen=True)
-class PostReport:
-    """What posting did: the text read back against the Plan, and where it had to depart from the Plan's feeds."""
-
-    reread: RereadReport
-    counts: Counts
-
-    @property
-    def findings(self) -> tuple[str, ...]:
-        """One line each."""
-        told = [
-            f"tip within {self.reread.max_tip_mm:.4f} mm, axis within {self.reread.max_axis_deg:.4f} deg of the plan"
-        ]
-        if self.counts.slowed_blocks:
-            told.append(
-                f"{self.counts.slowed_blocks} moves slowed to what the controller takes per second (max_blocks_per_s)"
-            )
-        if self.counts.limited_blocks:
-            told.append(f"{self.counts.limited_blocks} moves slowed by an axis' velocity")
-        if self.counts.positionings:
-            told.append(f"{self.counts.positionings} times retracted and positioned where no link of the plan leads")
-        return tuple(told)
+__all__ = ["post", "post_with_report"]
 
 
 def post(plan: Plan, cell: Cell, placement: Placement | None = None, dialect: str = "grblhal") -> Program:
-    """The Program of a Plan. Same plan, cell and placement give the same Program.
-
-    placement : where the workpiece is (default: as the cell file says)
-    Raises PostError (TravelLimitError, ReachError): no such tool, the part does not fit, an axis would leave its travel,
-    no pose gives an axis, or the text read back differs from the Plan.
-    """
+    """The Program of a Plan: see `planner.post.posting.post`."""
     return post_with_report(plan, cell, placement, dialect)[0]
 
 
 def post_with_report(
     plan: Plan, cell: Cell, placement: Placement | None = None, dialect: str = "grblhal"
 ) -> tuple[Program, PostReport]:
-    """As `post`, with what there is to say about it."""
-    if dialect not in DIALECTS:
-        raise PostError(f"no dialect {dialect!r}", f"there is: {', '.join(DIALECTS)}")
-    if not any(operation.passes for operation in plan.operations):
-        raise PostError(f"the plan of {plan.part_name} has no passes: there is nothing to run", "plan the part again")
-    placement = placement or cell.placement
-    chain = Chain.from_cell(cell, placement)
-    placed = table_from_build(placement.part_origin_mm, placement.rotation_deg)
-    used = {tool.number: tool for tool in (tool_for(item, cell) for item in plan.operations if item.passes)}
-    check_room(plan, cell, chain, placed, list(used.values()))
-    sequencer = Sequencer(plan, cell, chain, placed, _carrier_gas_l_min(plan))
-    tape = sequencer.run()
-    work_offset = np.array([placement.work_offset.get(letter, 0.0) for letter in cell.letters])
-    made = assemble(tape, cell, chain, placed, work_offset, len(plan.layers))
-    program = Program(
-        part_name=plan.part_name,
-        cell_name=cell.name,
-        dialect=dialect,
-        plan_sha256=plan_sha256(plan),
-        mesh_sha256=plan.mesh_sha256,
-        cell_sha256=cell.sha256,
-        tolerance_mm=plan.tolerance_mm,
-        process=plan.process,
-        material=plan.material,
-        lines=made.lines,
-        table=made.table,
-        schedule=made.schedule,
-        layer_starts=made.layer_starts,
-        axis_letters=cell.letters,
-        machine_from_build=placed,
-        build_from_part=np.asarray(plan.build_from_part, dtype=np.float64),
-        work_offset=work_offset,
-        gate=sequencer.state.gate,
-        tools=tuple(sorted(used)),
-        duration_s=made.duration_s,
-    )
-    reread = check(program, plan, cell, chain)
-    verify(reread, cell)
-    return program, PostReport(reread, sequencer.counts)
+    """As `post`, with what there is to say about it: see `planner.post.posting.post_with_report`."""
+    from planner.post import posting
 
-
-def _carrier_gas_l_min(plan: Plan) -> float:
-    """Carrier gas of the plan's material; 0 where nothing is deposited. Raises PostError if the material cannot be read."""
-    if not any(operation.process.is_deposit for operation in plan.operations):
-        return 0.0
-    try:
-        return load_material(plan.material).deposition.carrier_gas_l_min.usual
-    except ConfigError as error:
-        raise PostError(f"carrier gas of {plan.material}: {error.message}", error.hint) from None
+    return posting.post_with_report(plan, cell, placement, dialect)
