@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -53,18 +54,15 @@ class RunningCell:
         self._children: list[subprocess.Popen[str]] = []
 
     def __enter__(self) -> RunningCell:
-        try:
-            self._start(
-                "sim", "--cell", str(self._cell_file()), "--run", str(self.run), "--time-scale", str(TIME_SCALE)
-            )
-            cell = str(self.run / "cell.toml")
-            ports = ("--port", "0", "--stop-port", "0")
-            self._start("cellctl", "serve", "--cell", cell, "--store", str(self.store), "--run", str(self.run), *ports)
+        with ExitStack() as undo:
+            undo.callback(self.__exit__)
+            given = str(self._cell_file())
+            self._start("sim", "--cell", given, "--run", str(self.run), "--time-scale", str(TIME_SCALE))
+            words = ("--cell", str(self.run / "cell.toml"), "--store", str(self.store), "--run", str(self.run))
+            self._start("cellctl", "serve", *words, "--port", "0", "--stop-port", "0")
             address = json.loads((self.run / "service.json").read_text(encoding="utf-8"))
             self.url, self.stop_url = address["url"], address["stop_url"]
-        except BaseException:
-            self.__exit__()
-            raise
+            undo.pop_all()
         return self
 
     def __exit__(self, *_error: object) -> None:
