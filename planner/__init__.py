@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import planner.plan
+import planner.plan  # noqa: F401  (the module is bound first, then the function of its name)
 from planner.errors import PlannerError
 from planner.post import post as _post
 

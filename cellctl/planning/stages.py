@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cellctl.planning.task import MESH_FILE, PICTURE_FILE, PLAN_FILE, PROGRAM_FOLDER, PROOF_FILE, VIEW_FOLDER, Task
 
 if TYPE_CHECKING:
-    from planner.mesh import Finding
+    from planner.mesh import Finding, Mesh
     from planner.recipe import Recipe
 
 Report = Callable[[str, float], None]
@@ -53,15 +53,30 @@ def recipe_of(task: Task) -> Recipe:
     return recipe.model_copy(update={"stock": task.stock}) if task.stock else recipe
 
 
+def check_room(mesh: Mesh, recipe: Recipe, cell_file: str) -> None:
+    """Refuse a part that has no room in the cell before time goes into its plan. Raises PlannerError, ConfigError."""
+    from config import load_cell
+    from planner.pipeline import build_direction, build_frame
+    from planner.post.room import check_volume, table_from_build
+
+    cell = load_cell(cell_file)
+    placed = table_from_build(cell.placement.part_origin_mm, cell.placement.rotation_deg)
+    direction, _ = build_direction(mesh, recipe)
+    check_volume(mesh.transformed(build_frame(mesh, direction)).bounds, cell, placed)
+
+
 def plan(task: Task, report: Report) -> dict[str, Any]:
-    """Plan the part; writes plan.h5. Raises PlannerError."""
+    """Plan the part; writes plan.h5. Raises PlannerError, ConfigError."""
     from cellctl.planning.view import write_views
     from planner.files import write_plan
     from planner.mesh import load_checked
     from planner.pipeline import plan as make_plan
 
     loaded = load_checked(Path(task.mesh), task.units)
-    made = make_plan(loaded, recipe_of(task), part_name=task.part_name, progress=report)
+    recipe = recipe_of(task)
+    if task.cell:
+        check_room(loaded.mesh, recipe, task.cell)
+    made = make_plan(loaded, recipe, part_name=task.part_name, progress=report)
     write_plan(made, Path(task.folder) / PLAN_FILE)
     report("drawing", 1.0)
     write_views(made, Path(task.folder) / VIEW_FOLDER)

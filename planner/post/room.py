@@ -32,14 +32,18 @@ def check_room(plan: Plan, cell: Cell, chain: Chain, placed: Floats, tools: list
     The message names the dimension, by how much, and what to do. Travel is that of the linear axes with each tool
     upright over the corners of the part's box; tilted poses are checked move by move later.
     """
-    corners = np.array(list(itertools.product(*np.asarray(plan.bounds, dtype=np.float64).T)))
-    corners = corners @ placed[:3, :3].T + placed[:3, 3]
-    _check_volume(corners, cell)
+    corners = check_volume(plan.bounds, cell, placed)
     for tool in tools:
         _check_linear_travel(corners, cell, chain, placed, tool)
 
 
-def _check_volume(corners: Floats, cell: Cell) -> None:
+def check_volume(bounds: Floats, cell: Cell, placed: Floats) -> Floats:
+    """Raise PostError if a box, (2, 3) mm in the build frame and placed by the (4, 4) matrix, leaves the cell's build volume.
+
+    Returns the corners of the box in the table frame, (8, 3) mm.
+    """
+    corners = np.array(list(itertools.product(*np.asarray(bounds, dtype=np.float64).T)))
+    corners = corners @ placed[:3, :3].T + placed[:3, 3]
     low, high = np.array(cell.build_volume.min_mm), np.array(cell.build_volume.max_mm)
     least, most = corners.min(axis=0), corners.max(axis=0)
     for k in range(3):
@@ -58,6 +62,7 @@ def _check_volume(corners: Floats, cell: Cell) -> None:
             f"volume {low[k]:.1f} ... {high[k]:.1f} mm)",
             f"move placement.part_origin_mm by {way:+.1f} mm in {_NAMES[k]}",
         )
+    return corners
 
 
 def _check_linear_travel(corners: Floats, cell: Cell, chain: Chain, placed: Floats, tool: Tool) -> None:

@@ -3,10 +3,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from cellctl.planning.jobwork import proof_summary
 from cellctl.planning.process import WorkerError, Workers
 from cellctl.planning.task import Task
+from config.base import FACTS_DIR
+
+CELLS = FACTS_DIR / "cells"
 
 
 def said(_stage: str, _fraction: float) -> None:
@@ -51,3 +55,16 @@ def test_proof_is_summed_up_by_its_figures() -> None:
         "reasons": [],
     }
     assert proof_summary(document) == {"passed": True, "p99_mm": 0.1, "findings": {"error": 1, "warning": 1}}
+
+
+async def test_part_larger_than_the_build_volume_is_refused_before_time_goes_into_its_plan(tmp_path: Path) -> None:
+    mesh = tmp_path / "plate.stl"
+    trimesh.creation.box((450.0, 60.0, 30.0)).export(mesh)
+    task = Task(
+        kind="plan", folder=str(tmp_path), parent=0, memory_bytes=0, part_name="plate", mesh=str(mesh), cell=str(CELLS / "trunnion_tcp.toml")
+    )
+    stages: list[str] = []
+    with pytest.raises(WorkerError) as caught:
+        await Workers(tmp_path, 8 * 2**30).run(task, lambda stage, _: stages.append(stage))
+    assert "450.0 mm in X" in caught.value.failed.detail and "build volume 200.0 mm" in caught.value.failed.detail
+    assert caught.value.failed.hint and "toolpaths" not in stages
