@@ -50,7 +50,7 @@ def prove(
     mesh : the part, mm, in the frame of its file
     stock : metal on the plate before the first line, mm, frame of the part's file; default: none, for process "mill" the part's box
         grown by BOX_ALLOWANCE_MM sideways and upwards
-    cell_mm : grid of the stock; default: half the tolerance, between 0.2 and 0.5 mm
+    cell_mm : grid of the stock; default: twice the tolerance, between 0.2 and 0.5 mm (surfaces are resolved to a fraction of it)
     progress : called with the share of lines executed (0 to 1) and a word
 
     The same Program, cell and mesh give the same Proof, byte for byte.

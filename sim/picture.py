@@ -35,8 +35,9 @@ def built_mesh(stock: Stock, base_mm: float) -> tuple[Array, NDArray[np.int64]]:
 
     Empty arrays when there is no metal there.
     """
-    first = max(0, int(np.ceil((base_mm - stock.origin[2]) / stock.cell_mm)))
-    field = np.pad(stock.field[:, :, first:], 1, constant_values=stock.band_mm)
+    first = max(0, int(np.floor((base_mm - stock.origin[2]) / stock.cell_mm)) - 1)
+    below = base_mm - (stock.origin[2] + stock.cell_mm * np.arange(first, stock.field.shape[2]))
+    field = np.pad(np.maximum(stock.field[:, :, first:], below), 1, constant_values=stock.band_mm)
     if not (field < 0.0).any():
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     vertices, facets, _, _ = marching_cubes(field, 0.0, spacing=(stock.cell_mm,) * 3)  # type: ignore[no-untyped-call]

@@ -74,8 +74,12 @@ def highest(field: FIELD, band: float, box: NDArray[np.int64], top: int) -> int:
 def _pool(
     field: FIELD, origin: NDArray[np.float64], cell: float, start: NDArray[np.float64], end: NDArray[np.float64],
     axis: NDArray[np.float64], radius: float, cap_height: float, reach: float,
-) -> tuple[int, NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:  # fmt: skip
-    """Columns under the pool of one piece: how many, their indices (n, 2), heights along the axis (mm), caps (mm), and which hang free."""
+) -> tuple[int, NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
+    """Columns under the pool of one piece.
+
+    How many, their indices (n, 2), heights along the axis (mm), caps (mm), which are empty, and which hold others: those with metal
+    through the spot's plane. What the pool itself left hanging a moment ago holds nothing.
+    """
     nx, ny, nz = field.shape
     side = 1.5 * radius
     x0 = max(0, int(np.floor((min(start[0], end[0]) - side - origin[0]) / cell)))
@@ -87,6 +91,7 @@ def _pool(
     height = np.empty(most)
     cap = np.empty(most)
     hanging = np.zeros(most, np.bool_)
+    holds = np.zeros(most, np.bool_)
     count = 0
     along = end - start
     along = along - axis * (along[0] * axis[0] + along[1] * axis[1] + along[2] * axis[2])
@@ -116,8 +121,10 @@ def _pool(
                 height[count] = spot_level + depth
                 cap[count] = cap_height * (1.0 - distance2)
                 hanging[count] = k < 0.0
+                below = max(0, int(np.floor(k_spot)) - 1)
+                holds[count] = 0.0 <= k <= k_spot or (k > k_spot and field[i, j, below] < 0.0)
                 count += 1
-    return count, index, height, cap, hanging
+    return count, index, height, cap, hanging, holds
 
 
 @njit(cache=True, nogil=True)
@@ -134,11 +141,12 @@ def add_piece(
     adhesion : mm   Unsupported columns this close to supported ones hold by the pool's surface tension, from the spot's level on.
     Returns the volume that found metal to hold on to, mm3.
     """
-    count, index, height, cap, hanging = _pool(field, origin, cell, start, end, axis, radius, cap_height, reach)
-    loose = int(hanging[:count].sum())
-    if count == 0 or loose == count:
+    count, index, height, cap, hanging, holds = _pool(field, origin, cell, start, end, axis, radius, cap_height, reach)
+    if not holds[:count].any():
         return 0.0
-    kept = _drop_unsupported(index, height, cap, hanging, count, adhesion / cell) if loose else count
+    kept = count
+    if hanging[:count].any():
+        kept = _drop_unsupported(index, height, cap, hanging, holds, count, adhesion / cell)
     held = volume * kept / count
     level = _level(height, cap, kept, held, cell * cell / axis[2], cap_height)
     for c in range(kept):
@@ -211,16 +219,17 @@ def _drop_unsupported(
     height: NDArray[np.float64],
     cap: NDArray[np.float64],
     hanging: NDArray[np.bool_],
+    holds: NDArray[np.bool_],
     count: int,
     adhesion_cells: float,
 ) -> int:
-    """Keep supported columns and hanging ones close to them, in place; returns how many."""
+    """Keep columns with metal, and empty ones close to those that hold, in place; returns how many."""
     keep = np.ones(count, np.bool_)
     for a in range(count):
         if hanging[a]:
             keep[a] = False
             for b in range(count):
-                if not hanging[b]:
+                if holds[b]:
                     away = (index[a, 0] - index[b, 0]) ** 2 + (index[a, 1] - index[b, 1]) ** 2
                     if away <= adhesion_cells * adhesion_cells:
                         keep[a] = True

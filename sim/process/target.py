@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
-NEIGHBOURS = 6  # facets tried for each point: samples are denser than any feature that could hide behind them
+NEIGHBOURS = 8  # facets tried for each point
 SEED = 20  # of the surface samples; fixed, so that the same part gives the same figures
 
 
@@ -29,6 +29,7 @@ class Target:
         double_area = np.linalg.norm(cross, axis=1)
         self.areas: Array = 0.5 * double_area
         self.normals: Array = cross / np.maximum(double_area, 1e-300)[:, None]
+        self.spread = slice(0, 0)  # the samples that are uniform by area; the others find small and thin facets
         self.samples, self.sample_facets = self._sample(spacing_mm)
         self._tree = cKDTree(self.samples)
 
@@ -44,23 +45,30 @@ class Target:
         return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
     def _sample(self, spacing_mm: float) -> tuple[Array, NDArray[np.int64]]:
-        """Points spread over the surface by area, at least one in each facet: (k, 3) mm and their facets (k,)."""
+        """Points spread over the surface by area, then some along each facet: (k, 3) mm and their facets (k,)."""
         wanted = int(np.ceil(self.areas.sum() / spacing_mm**2))
         random = np.random.default_rng(SEED)
         edges = np.concatenate([[0.0], np.cumsum(self.areas)])
         at = (np.arange(wanted) + 0.5) / wanted * edges[-1]
-        spread = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, len(self.facets) - 1)
-        facets = np.concatenate([spread, np.arange(len(self.facets))])
-        u, v = random.random((2, len(facets)))
+        facets = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, len(self.facets) - 1)
+        u, v = random.random((2, wanted))
         u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
-        u[wanted:], v[wanted:] = 1.0 / 3.0, 1.0 / 3.0
         a, b, c = (self.corners[facets, i] for i in range(3))
-        return a + u[:, None] * (b - a) + v[:, None] * (c - a), facets
+        spread = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        along, along_facets = self._along(spacing_mm)
+        self.spread = slice(0, wanted)
+        return np.concatenate([spread, along]), np.concatenate([facets, along_facets])
 
-    @property
-    def spread(self) -> slice:
-        """The samples that are uniform by area (the others stand for small facets)."""
-        return slice(0, len(self.samples) - len(self.facets))
+    def _along(self, spacing_mm: float) -> tuple[Array, NDArray[np.int64]]:
+        """Points beside the longest edge of each facet, so that the thinnest one is found: (k, 3) mm and their facets (k,)."""
+        sides = np.linalg.norm(np.roll(self.corners, -1, axis=1) - self.corners, axis=2)
+        longest = np.argmax(sides, axis=1)
+        counts = np.ceil(sides.max(axis=1) / spacing_mm).astype(np.int64).clip(1)
+        facets = np.repeat(np.arange(len(self.facets)), counts)
+        rank = np.arange(len(facets)) - np.repeat(np.cumsum(counts) - counts, counts)
+        t = ((rank + 0.5) / counts[facets])[:, None]
+        a, b, c = (self.corners[facets, (longest[facets] + i) % 3] for i in range(3))
+        return (2.0 * (a + t * (b - a)) + c) / 3.0, facets
 
     def signed_distance(self, points: Array) -> Array:
         """Distance to the surface, mm, negative inside. points : (n, 3) float, mm."""

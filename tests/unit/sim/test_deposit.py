@@ -1,0 +1,120 @@
+"""Beads against the volume that they bring and the shapes that they settle in."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sim.process.stock import ADHESION_WIDTHS
+from tests.unit.sim.metal_bench import BEAD, MATERIAL, UP, block, height, plate, track, vector
+
+STEP = MATERIAL.bead.step_over * BEAD.width_mm
+LAYER = BEAD.area_mm2 / STEP
+
+
+@pytest.mark.parametrize("cell_mm", [0.1, 0.2, 0.3])
+def test_straight_bead_keeps_its_volume(cell_mm: float) -> None:
+    stock = plate(16.0, cell_mm)
+    stock.cut(vector(-20.0, 0.0, -1.0), vector(20.0, 0.0, -1.0), UP, UP, 9.0, 0.0, 100.0)  # away from the plane of volume_mm3
+    held = track(stock, vector(-5.0, 0.0, -1.0), vector(5.0, 0.0, -1.0))
+    before = plate(16.0, cell_mm)
+    before.cut(vector(-20.0, 0.0, -1.0), vector(20.0, 0.0, -1.0), UP, UP, 9.0, 0.0, 100.0)
+    assert held == pytest.approx(10.0 * BEAD.area_mm2)
+    assert stock.volume_mm3(-1.2) - before.volume_mm3(-1.2) == pytest.approx(held, rel=0.03)
+
+
+def test_bead_on_a_flat_plate_is_the_parabola_of_the_melt_law() -> None:
+    stock = plate(18.0, 0.1, 2.0)
+    track(stock, vector(-6.0, 0.0, 0.0), vector(6.0, 0.0, 0.0))
+    for y in (0.0, 0.4, -0.8, 1.0):
+        expected = BEAD.height_mm * (1.0 - (2.0 * y / BEAD.width_mm) ** 2)
+        assert height(stock, 0.0, y, 1.9) == pytest.approx(expected, abs=0.05)
+    assert height(stock, 0.0, 0.5 * BEAD.width_mm + 0.1, 1.9) == pytest.approx(0.0, abs=0.02)
+
+
+def test_bead_along_a_circle_keeps_its_volume_and_height() -> None:
+    stock = plate(20.0, 0.2, 2.0)
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    ring = np.column_stack([6.0 * np.cos(angle), 6.0 * np.sin(angle), 0.0 * angle])
+    held = sum(track(stock, a, b) for a, b in itertools.pairwise(ring))
+    length = np.linalg.norm(np.diff(ring, axis=0), axis=1).sum()
+    assert held == pytest.approx(length * BEAD.area_mm2, rel=1e-6)
+    for a in np.radians([45.0, 100.0, 200.0, 290.0]):
+        assert height(stock, 6.0 * np.cos(a), 6.0 * np.sin(a), 1.9) == pytest.approx(BEAD.height_mm, abs=0.06)
+
+
+def test_overlapping_beads_fill_a_layer_of_their_mean_height() -> None:
+    stock = plate(24.0, 0.2, 3.0)
+    for i in range(8):
+        track(stock, vector(-8.0, (i - 3.5) * STEP, 0.0), vector(8.0, (i - 3.5) * STEP, 0.0))
+    y = np.arange(-2.0 * STEP, 2.0 * STEP, 0.1)
+    profile = np.array([height(stock, 0.3, float(v), 2.9) for v in y])
+    assert profile.mean() == pytest.approx(LAYER, rel=0.03)
+    assert np.ptp(profile) < 0.45 * BEAD.height_mm
+
+
+def test_second_layer_stands_on_the_first_and_adds_as_much() -> None:
+    stock = plate(18.0, 0.2, 3.0)
+    track(stock, vector(-6.0, 0.0, 0.0), vector(6.0, 0.0, 0.0))
+    first = stock.volume_mm3(0.2)
+    held = track(stock, vector(-6.0, 0.0, BEAD.height_mm), vector(6.0, 0.0, BEAD.height_mm))
+    assert stock.volume_mm3(0.2) - first == pytest.approx(held, rel=0.05)
+    assert height(stock, 0.0, 0.0, 2.9) > 1.6 * BEAD.height_mm
+
+
+@pytest.mark.parametrize("angle_deg", [20.0, 60.0, 90.0, 180.0])
+def test_bead_under_a_tilted_axis_grows_along_the_axis(angle_deg: float) -> None:
+    """A block is built upon from a tilted side: the same bead, turned."""
+    a = np.radians(angle_deg)
+    axis = vector(0.0, -np.sin(a), np.cos(a))
+    along = vector(1.0, 0.0, 0.0)
+    stock = block(vector(-8.0, -4.0, -4.0), vector(8.0, 4.0, 4.0), 0.2)
+    stock.cut(8.0 * along + 3.0 * axis, -8.0 * along + 3.0 * axis, axis, axis, 9.0, 0.0, 20.0)
+    before = stock.volume_mm3(-6.0)
+    held = track(stock, 3.0 * axis - 4.0 * along, 3.0 * axis + 4.0 * along, axis)
+    assert held == pytest.approx(8.0 * BEAD.area_mm2)
+    assert stock.volume_mm3(-6.0) - before == pytest.approx(held, rel=0.05)
+    crest = np.array([stock.distance((3.0 + h) * axis[None, :])[0] for h in (BEAD.height_mm - 0.1, BEAD.height_mm + 0.1)])
+    assert crest[0] < 0.0 < crest[1]
+
+
+def test_bead_over_nothing_is_lost() -> None:
+    stock = block(vector(-4.0, -4.0, -2.0), vector(4.0, 4.0, 0.0))
+    before = stock.field.copy()
+    assert track(stock, vector(-3.0, 0.0, 2.5), vector(3.0, 0.0, 2.5)) == 0.0
+    assert np.array_equal(stock.field, before)
+    assert stock.lost_powder_mm3 == pytest.approx(6.0 * BEAD.area_mm2)
+
+
+def test_bead_over_an_edge_hangs_out_no_further_than_its_adhesion() -> None:
+    stock = block(vector(-6.0, -4.0, -4.0), vector(6.0, 0.0, 0.0), 0.1)
+    held = track(stock, vector(-4.0, 0.0, 0.0), vector(4.0, 0.0, 0.0))
+    assert held < 8.0 * BEAD.area_mm2
+    y = np.arange(0.0, 2.0, 0.02)
+    overhang = np.array([(stock.distance(np.column_stack([0.0 * y, y, np.full_like(y, z)])) < 0.0) for z in (0.2, 0.4)])
+    reach = y[overhang.any(axis=0)].max(initial=0.0)
+    assert reach <= ADHESION_WIDTHS * BEAD.width_mm + stock.cell_mm
+
+
+def test_later_layers_do_not_refill_what_was_milled_off_a_wall() -> None:
+    stock = plate(20.0, 0.2, 4.0)
+    for layer in range(2):
+        for i in range(4):
+            y = (i - 1.5) * STEP
+            track(stock, vector(-6.0, y, layer * LAYER), vector(6.0, y, layer * LAYER))
+    wall = 1.5 * STEP
+    stock.cut(vector(-12.0, wall + 4.0, 0.1), vector(12.0, wall + 4.0, 0.1), UP, UP, 4.0, 0.0, 50.0)
+    probe = np.array([[x, wall + off, z] for x in (-3.0, 0.0, 3.0) for off in (0.3, 0.6) for z in (0.5, 1.0)])
+    assert (stock.distance(probe) > 0.0).all()
+    track(stock, vector(-6.0, 0.6 * wall, 2.0 * LAYER), vector(6.0, 0.6 * wall, 2.0 * LAYER))
+    assert (stock.distance(probe) > 0.0).all()
+
+
+def test_powder_without_light_and_light_without_powder_leave_the_metal_as_it_is() -> None:
+    stock = plate(12.0)
+    before = stock.field.copy()
+    stock.deposit(vector(-3.0, 0.0, 0.0), vector(3.0, 0.0, 0.0), UP, 0.0, 12.0, 0.5)
+    track(stock, vector(-3.0, 0.0, 0.0), vector(3.0, 0.0, 0.0), powder_g_min=0.0)
+    assert np.array_equal(stock.field, before)
