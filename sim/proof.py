@@ -84,7 +84,7 @@ def allowed_deviation_mm(program: Job, material: Material) -> float:
 
 def verdict(program: Job, material: Material, deviation: Deviation, findings: tuple[Finding, ...]) -> tuple[bool, tuple[str, ...]]:
     """Whether the Program may run, and if not, why: one line each."""
-    reasons = [f"{f.kind}: {f.text}" + (f" (line N{f.line}, layer {f.layer})" if f.line else "") for f in findings]
+    reasons = [f"{f.kind}: {f.text}" + (f" (line N{f.line}, layer {f.layer})" if f.line else "") for f in findings if f.severity == "error"]
     allowed = allowed_deviation_mm(program, material)
     if deviation.p99_mm > allowed:
         reasons.append(f"surface: 99 % lies within {deviation.p99_mm:.3f} mm, allowed {allowed:.3f} mm")

@@ -114,7 +114,7 @@ class Stock:
         for first, last in pairwise([0, *ends.tolist()]):
             held += self._deposit_run(path[first:last], bead[first:last])
         self.deposited_mm3 += held
-        self.lost_powder_mm3 += float(bead[:, 2].sum()) - held
+        self.lost_powder_mm3 += max(0.0, float(bead[:, 2].sum()) - held)
         return held
 
     def _deposit_run(self, path: Array, bead: Array) -> float:

@@ -29,7 +29,7 @@ def row(proof: Proof, seconds: float, cpu_s: float) -> tuple[Cell, ...]:
     )  # fmt: skip
 
 
-def run() -> Table:
+def run() -> list[Table]:
     """Plan and post the pipe, then prove it on grids from coarse to fine."""
     cell, mesh = load_cell("trunnion_tcp"), load(PARTS / "pipe.stl", "mm")
     program = planner.post(planner.plan(mesh, load_recipe(PARTS / "pipe.toml"), part_name="pipe"), cell)
@@ -43,4 +43,4 @@ def run() -> Table:
         "grid mm", "lines", "build min", "proof s", "CPU s", "build / CPU", "peak MB", "p50 mm", "p99 mm", "missing %", "verdict",
     )  # fmt: skip
     note = f"config/parts/pipe.stl, hybrid, trunnion_tcp, compiled kernels; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
-    return Table("Proof of the pipe", columns, rows, note)
+    return [Table("Proof of the pipe", columns, rows, note)]
