@@ -103,7 +103,7 @@ def _holding(cell: Controller, drivers: CellDrivers, now: float) -> None:
 def _resuming(cell: Controller, drivers: CellDrivers, now: float) -> None:
     run = cell.run
     assert run is not None
-    if run.is_at_barrier:
+    if run.stands_before_barrier:
         run.begin_barrier()
         cell.go(T.BARRIER_REACHED, "the cell is prepared again")
         return

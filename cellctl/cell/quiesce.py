@@ -47,7 +47,8 @@ class Quiesce:
             or (status.state == "Door" and status.substate in (0, 1, None))
         ):
             return True
-        return status.is_idle and status.at > self._began_at and self._d.cnc.is_drained
+        nothing_comes = self._d.cnc.is_drained or bool(self._d.cnc.is_halted)
+        return status.is_idle and status.at > self._began_at and nothing_comes
 
     @property
     def is_clear(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cellctl.cell.modes import DEPOSIT, MILL
 from cellctl.domain.interlocks import Levels, Signal, permissives
@@ -72,6 +72,12 @@ def _signal(client: DeviceClient, name: str) -> Signal:
     return Signal(client.value(name), client.age(name), client.device.registers[name].stale_s)
 
 
+def _word(client: DeviceClient, name: str) -> Signal:
+    """A word of flags with the meaning of the bits that are set."""
+    signal = _signal(client, name)
+    return replace(signal, meaning="; ".join(client.flags(name))) if signal.is_fresh and signal.value else signal
+
+
 class Senses:
     """Reads every level that emission depends on, and sees faults in them."""
 
@@ -104,9 +110,9 @@ class Senses:
                 cnc_age_s=self.cnc_age_s,
                 cnc_stale_s=self._cell.limits.status_stale_s,
                 interlocks={name: _signal(io, name) for name in INTERLOCK_CAUSE},
-                laser_words={name: _signal(laser, name) for name in ("interlock_word", "fault_word")},
+                laser_words={name: _word(laser, name) for name in ("interlock_word", "fault_word")},
                 laser_enabled=self._d.laser.is_enabled,
-                feeder_words={"fault_word": _signal(feeder, "fault_word")},
+                feeder_words={"fault_word": _word(feeder, "fault_word")},
                 heartbeats={
                     name: _signal(client, "heartbeat_readback")
                     for name, client in (("laser", laser), ("feeder", feeder), ("io", io))

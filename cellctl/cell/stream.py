@@ -228,6 +228,11 @@ class Run:
         return self._released < self.total and (self._released == 0 or self._is_standing_at(self._released))
 
     @property
+    def stands_before_barrier(self) -> bool:
+        """Whether nothing is left of what was released: a job held there goes on with the barrier, whatever the CNC's state."""
+        return self._released < self.total and self.executed >= self._released
+
+    @property
     def is_finished(self) -> bool:
         """Whether every line is executed."""
         return self._released >= self.total and self._is_standing_at(self.total)

@@ -13,11 +13,12 @@ NAMES = ("state", "fault", "interlocks", "laser", "feeder", "cnc", "dead_man", "
 
 @dataclass(frozen=True)
 class Signal:
-    """A level and how old it is. `stale_s` is the age from which it counts as unsafe, whatever it says."""
+    """A level and how old it is. `stale_s` is the age from which it counts as unsafe, whatever it says; `meaning` is its words."""
 
     value: float
     age_s: float
     stale_s: float
+    meaning: str = ""
 
     @property
     def is_fresh(self) -> bool:
@@ -70,7 +71,7 @@ def _words(words: Mapping[str, Signal]) -> str:
         if not signal.is_fresh:
             return f"{name} is {signal.age_s:.2f} s old"
         if signal.value:
-            return f"{name} is {int(signal.value):#x}"
+            return signal.meaning or f"{name} is {int(signal.value):#x}"
     return ""
 
 

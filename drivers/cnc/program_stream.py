@@ -86,11 +86,14 @@ class ProgramStream:
             self._durations_s -= self._durations.popleft()
 
     def follow(self, status: Status, unanswered: int, empty_planner: int | None) -> None:
-        """Take executing and executed from a status report. empty_planner: free blocks that an idle planner shows."""
+        """Take executing and executed from a status report. empty_planner: free blocks that an idle planner shows.
+
+        A machine that stands after a reset, an alarm or a refused line has not executed what it was sent: only `Ln:` counts then.
+        """
         if status.line is not None and not status.is_idle and max(self.executing, self.executed, 1) <= status.line <= self.sent:
             self.executing = status.line
             self._done(status.line - 1)
-        if not status.is_idle or unanswered:
+        if not status.is_idle or unanswered or self.halted:
             self._idle_reports = 0
             return
         self._idle_reports += 1

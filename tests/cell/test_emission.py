@@ -62,6 +62,7 @@ async def test_door_opened_while_depositing_turns_the_laser_off_within_one_tick_
     assert cell.state is State.FAULT
     assert cell.latched == ["door"]
     assert cell.snapshot.alarms[0].remedy.startswith("close the door")
+    assert "door interlock open" in next(each.why for each in cell.snapshot.permissives if each.name == "laser")
     assert not (await cell.command("reset")).ok
     cell.sim.close_door()
     await cell.forward(seconds=1.0)

@@ -68,3 +68,19 @@ async def test_a_head_that_leaves_its_place_while_depositing_ends_the_job(cell: 
     await cell.forward(ticks=5)
     assert cell.is_dark
     assert cell.latched == ["head_position"]
+
+
+async def test_a_door_opened_before_the_tool_change_holds_the_job_which_then_changes_the_tool_and_ends(cell: CellUnderTest) -> None:
+    await cell.start(one_wall(cell.facts, layers=1))
+    await cell.hurry(lambda: "purging" in cell.snapshot.waiting, scale=3.0)
+    cell.sim.open_door()
+    await cell.forward(until=cell.is_state(State.FAULT), seconds=2)
+    assert cell.sim.cnc.machine.tool == 1
+    await cell.forward(seconds=1)
+    cell.sim.close_door()
+    await cell.forward(seconds=1)
+    assert (await cell.command("reset")).ok
+    await cell.forward(until=cell.is_state(State.HELD), seconds=10)
+    assert (await cell.command("resume")).ok
+    await cell.hurry(lambda: cell.outcome != "", scale=5.0)
+    assert cell.outcome == "completed" and cell.sim.cnc.machine.tool == 2

@@ -160,6 +160,7 @@ async def test_abort_stops_light_motion_and_powder_and_ends_idle(cell: CellUnder
     assert (await cell.command("abort")).ok
     await cell.forward(until=cell.is_state(State.IDLE), seconds=20)
     assert cell.outcome == "aborted"
+    assert cell.controller.lines().executed < cell.controller.lines().acknowledged  # what the reset flushed was not executed
     assert cell.is_dark and cell.is_still
     assert cell.sim.feeder.rate_at_nozzle_g_min < 0.3
     assert cell.sim.io.is_parked
