@@ -263,9 +263,13 @@ class Controller:
             self.event("cnc", event.text)
 
     def _sample(self, now: float) -> None:
-        """Journal the run ten times a second, and each layer's beginning."""
+        """Journal the run with every status report, and each layer's beginning."""
         run, drivers = self.run, self.drivers
-        if run is None or drivers is None or now - self._sampled_at < self.cell.cnc.status_period_s:
+        if run is None or drivers is None:
+            return
+        status = drivers.cnc.status
+        is_told = status is not None and status.at > self._sampled_at
+        if not is_told and now - self._sampled_at < 2.0 * self.cell.cnc.status_period_s:
             return
         self._sampled_at = now
         last, layer = run.follower.last, int(run.row["layer"])

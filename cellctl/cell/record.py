@@ -13,7 +13,7 @@ from typing import Any
 
 from cellctl.domain.messages import Event
 
-GROUP_S = 0.1  # ten commits a second: an event is at most this old when it is durable
+GROUP_S = 0.05  # at most twenty commits a second: a row is at most this old, and one commit more, when it is durable
 BUSY_TIMEOUT_S = 5.0  # another process may hold the store's write lock that long
 KEPT_COMMANDS = 10_000
 
@@ -111,6 +111,7 @@ class _Pending:
 
 class Journal:
     """Takes rows without blocking and commits them from its own thread (`start`), or where it stands (`commit`).
+    The first row after a pause is on the disk within the time of one commit; then at most 1 / GROUP_S commits a second.
 
     on_committed gets the events of a commit, with their seq, after they are durable; on_failure gets one line when the store fails.
     Both are called from the committing thread.
@@ -122,7 +123,8 @@ class Journal:
         self.on_failure: Callable[[str], None] = lambda line: None
         self.commits = 0
         self._lock = threading.Lock()
-        self._wake = threading.Event()
+        self._wake = threading.Event()  # something is queued
+        self._urgent = threading.Event()  # somebody waits for it to be durable
         self._closing = False
         self._thread: threading.Thread | None = None
         self._pending = _Pending()
@@ -169,11 +171,13 @@ class Journal:
         with self._lock:
             self._pending.events.append((len(self._pending.statements), event))
             self._pending.statements.append((EVENT, row))
+        self._wake.set()
 
     def write(self, statement: str, row: tuple[Any, ...]) -> None:
         """Queue one statement (SAMPLE, RUN, PROGRESS, END)."""
         with self._lock:
             self._pending.statements.append((statement, row))
+        self._wake.set()
 
     async def durable(self) -> None:
         """Return when all that was queued before is on the disk. Raises StoreError if it cannot be."""
@@ -189,6 +193,7 @@ class Journal:
 
         with self._lock:
             self._pending.waiting.append(lambda error: _threadsafe(loop, settle, error))
+        self._urgent.set()
         self._wake.set()
         await done
 
@@ -246,21 +251,26 @@ class Journal:
         return [Event(row[0], row[1], row[2], row[3], row[4], json.loads(row[5])) for row in rows]
 
     def _run(self) -> None:
+        """Commit what is queued at once, then let a while go by in which rows gather; a command does not wait for that."""
         while True:
-            self._wake.wait(GROUP_S)
+            self._wake.wait()
             self._wake.clear()
             closing = self._closing
+            self._urgent.clear()
             try:
                 self.commit()
             except StoreError as error:
                 self.on_failure(error.message)
+                self._wake.set()
             if closing:
                 return
+            self._urgent.wait(GROUP_S)
 
     def close(self) -> None:
         """Commit what is queued, end the thread, close the store. Harmless twice."""
         if self._thread is not None:
             self._closing = True
+            self._urgent.set()
             self._wake.set()
             self._thread.join()
             self._thread = None
