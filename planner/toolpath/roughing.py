@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 _FINISH_MM = 0.3  # what roughing leaves on the walls for the finishing pass
 _BOX_ALLOWANCE_MM = 1.0  # of the block, where neither a stock nor an allowance is given
 _ENTRY_MM = 1.0  # air between cutter and stock where it comes down beside it
+_LEVEL_MM = 1e-6  # nearer levels are one
 _LEAST_CUT_MM2 = 0.05  # smaller pieces of stock are crumbs
 
 
@@ -75,9 +76,7 @@ def carve(stock: Mesh, regions: list[LayerRegion], settings: Settings, progress:
     for done, region in enumerate(reversed(regions)):
         wider = united([keep, region.region])
         shaded += max(wider.area - region.region.area, 0.0) * region.height_mm
-        count = max(1, int(np.ceil((ceiling - region.z_bottom) / depth - 1e-9)))
-        levels = np.linspace(ceiling, region.z_bottom, count + 1)
-        for high, low in pairwise(levels):
+        for high, low in pairwise(_levels(ceiling, region, depth)):
             kept = wider if low < region.z_top - 1e-9 else keep
             metal = _stock_section(stock, 0.5 * (high + low))
             for operation in _slab(metal, kept, float(low), region.index, settings):
@@ -89,6 +88,19 @@ def carve(stock: Mesh, regions: list[LayerRegion], settings: Settings, progress:
     if not sequence.operations:
         raise PlanningError("the stock is the part already: nothing to mill", "give a larger stock")
     return sequence
+
+
+def _levels(ceiling: float, region: LayerRegion, depth_mm: float) -> list[float]:
+    """Heights to which one layer's slabs are cut, from the metal's top down, at most depth_mm apart, mm.
+
+    The part's own top is one of them, so that what the stock has above it is faced off.
+    """
+    levels = [ceiling]
+    for floor in (region.z_top, region.z_bottom):
+        if (high := levels[-1]) - floor > _LEVEL_MM:
+            count = max(1, int(np.ceil((high - floor) / depth_mm - 1e-9)))
+            levels += [*np.linspace(high, floor, count + 1)[1:].tolist()]
+    return levels
 
 
 def _findings(shaded_mm3: float, keep: MultiPolygon, settings: Settings) -> list[str]:
