@@ -61,7 +61,7 @@ def plan(
     regions = layer_regions(part, levels)
     _refuse_empty(regions)
     if recipe.process == "mill":
-        stock = stock_of(part, recipe, settings, build_from_part)
+        stock = stock_of(part, recipe, build_from_part)
         sequence = carve(stock, regions, settings, lambda share: say("toolpaths", 0.2 + 0.8 * share))
         regions = regions[::-1]
     else:

@@ -149,6 +149,19 @@ class Settings:
         return Bead(speed_mm_s, laser_w, powder_g_min, width, area, self.step_over * width)
 
 
+BLOCK_ALLOWANCE_MM = 1.0  # of the block to mill from, where neither a stock nor an allowance is given
+
+
+def block_allowance_mm(recipe: Recipe) -> float | None:
+    """How much larger than the part's box the block is that it is milled from, sideways and upwards, mm.
+
+    None where the part is not milled from a block: another process, or a stock is given.
+    """
+    if recipe.process != "mill" or recipe.stock is not None:
+        return None
+    return _either(recipe.stock_allowance_mm, BLOCK_ALLOWANCE_MM)
+
+
 LEAST_STEP_OVER = 0.3  # of the width: two thirds of every track would lie on the one before it
 
 

@@ -71,6 +71,7 @@ class Program:
     build_from_part : (4, 4) float
     work_offset : (5,) float, G54 that the controller must hold, order of the cell's axes
     gate : "stream" (M62/M63 in the text) or "modbus" (EMISSION entries in the schedule)
+    stock_allowance_mm : process "mill": what it cuts from is the part's box, grown by this sideways and upwards; None: a given stock
     """
 
     part_name: str
@@ -93,4 +94,5 @@ class Program:
     gate: str
     tools: tuple[int, ...]
     duration_s: float
+    stock_allowance_mm: float | None = None
     schema: int = PROGRAM_SCHEMA

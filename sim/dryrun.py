@@ -14,7 +14,7 @@ from sim.compare import compare
 from sim.findings import Findings
 from sim.job import Job
 from sim.picture import picture
-from sim.process.clamping import SAMPLE_MM, TriangleMesh, clamp_block, clamp_mesh, inverse, metal_for
+from sim.process.clamping import SAMPLE_MM, TriangleMesh, clamp_block, clamp_mesh, in_build, inverse, metal_for
 from sim.process.target import Target
 from sim.proof import Proof, allowed_deviation_mm, program_digest, verdict
 from sim.schedule import IdealController
@@ -49,7 +49,7 @@ def prove(
 
     mesh : the part, mm, in the frame of its file
     stock : metal on the plate before the first line, mm, frame of the part's file; default: none, for process "mill" the part's box
-        grown by BOX_ALLOWANCE_MM sideways and upwards
+        grown by the Program's stock_allowance_mm sideways and upwards. A Program that is milled from a given stock does not pass without it.
     cell_mm : grid of the stock; default: twice the tolerance, between 0.2 and 0.5 mm (surfaces are resolved to a fraction of it)
     progress : called with the share of lines executed (0 to 1) and a word
 
@@ -67,16 +67,15 @@ class DryRun:
         self, program: Job, cell: Cell, mesh: TriangleMesh, material: Material, stock: TriangleMesh | None, cell_mm: float | None
     ) -> None:
         self.program, self.cell, self.material = program, cell, material
-        turn = program.build_from_part
-        vertices = np.asarray(mesh.vertices, dtype=float) @ turn[:3, :3].T + turn[:3, 3]
-        self.target = Target(vertices, np.asarray(mesh.facets), SAMPLE_MM)
+        self.target = Target(in_build(mesh, program.build_from_part), np.asarray(mesh.facets), SAMPLE_MM)
         grid = cell_mm or float(np.clip(program.tolerance_mm * CELLS_PER_TOLERANCE, CELL_LEAST_MM, CELL_MOST_MM))
-        self.metal = metal_for(cell, self.target.bounds, grid, self.material, inverse(program.machine_from_build))
+        self.metal = metal_for(cell, self._bounds(stock), grid, self.material, inverse(program.machine_from_build))
         self.stock = self.metal.stock
+        self._has_stock = stock is not None or program.process != "mill" or program.stock_allowance_mm is not None
         if stock is not None:
             clamp_mesh(self.stock, stock, program.build_from_part)
-        elif program.process == "mill":
-            clamp_block(self.stock, self.target.bounds)
+        elif program.process == "mill" and program.stock_allowance_mm is not None:
+            clamp_block(self.stock, self.target.bounds, program.stock_allowance_mm)
         devices = {role: load_device(link.device) for role, link in cell.links.items()}
         self.world = World(cell, devices, metal=self.metal, dead_man=False)
         self.controller = IdealController(program, self.world)
@@ -85,6 +84,17 @@ class DryRun:
         self._is_rapid = rapid_lines(program)
         self._standing_s = 0.0
         self._emitted_mm = 0.0
+
+    def _bounds(self, stock: TriangleMesh | None) -> Array:
+        """(2, 3) float, mm   Box of the part and of what it is cut from, build frame."""
+        low, high = self.target.bounds
+        if stock is not None:
+            placed = in_build(stock, self.program.build_from_part)
+            low, high = np.minimum(low, placed.min(axis=0)), np.maximum(high, placed.max(axis=0))
+        elif self.program.process == "mill":
+            grow = self.program.stock_allowance_mm or 0.0
+            low, high = low - [grow, grow, 0.0], high + grow
+        return np.array([low, high])
 
     def execute(self, progress: Progress | None = None) -> None:
         """Run all lines; stops early at an error or alarm of the firmware."""
@@ -113,6 +123,8 @@ class DryRun:
         return WAIT_STEP_S if self.controller.is_waiting else STEP_S
 
     def _check_before(self) -> None:
+        if not self._has_stock:
+            self.findings.add("no stock", "the Program mills a given stock: the proof needs its mesh", 0, fatal=True)
         offset = np.array([self.cell.placement.work_offset.get(letter, 0.0) for letter in self.cell.letters])
         if np.abs(offset - self.program.work_offset).max() > OFFSET_TOLERANCE:
             self.findings.add("work offset", f"the controller's G54 is {offset.tolist()}, the Program wants {self.program.work_offset.tolist()}", 0)

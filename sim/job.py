@@ -57,5 +57,9 @@ class Job(Protocol):
         """(axes,) G54 that the controller must hold, mm or deg."""
 
     @property
+    def stock_allowance_mm(self) -> float | None:
+        """Process "mill": the part's box, grown by this sideways and upwards, is what it cuts from; None: a given stock."""
+
+    @property
     def gate(self) -> str:
         """"stream" (M62/M63 in the text) or "modbus" (EMISSION entries in the schedule)."""

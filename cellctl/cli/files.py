@@ -152,20 +152,26 @@ def post(
         output.line(f"{out}: {summary['lines']} lines in {summary['layers']} layers for {facts.name}, about {took}")
 
 
-def _program_of(path: Path, cell: Any) -> Program:
-    """A program's folder read, or a plan posted for the cell."""
+def _program_of(path: Path, cell: Any) -> tuple[Program, Path | None]:
+    """A program's folder read, or a plan posted for the cell and the stock that its recipe names."""
     from planner.files import read_plan, read_program
     from planner.post import post as make_program
+    from planner.recipe import parse_recipe
 
     if path.is_dir():
-        return read_program(path)
-    return make_program(read_plan(existing_file(path, "plan or program folder")), cell)
+        return read_program(path), None
+    plan = read_plan(existing_file(path, "plan or program folder"))
+    stock = parse_recipe(plan.recipe_toml).stock if plan.process == "mill" else None
+    return make_program(plan, cell), Path(stock) if stock else None
 
 
 def prove(
     program: Annotated[Path, typer.Argument(metavar="PLAN|PROGRAM", help="A plan file, or a program's folder.")],
     mesh: Annotated[Path, typer.Option("--mesh", "--part", help="The part that it shall become.")],
     units: Units = "mm",
+    stock: Annotated[
+        Path | None, typer.Option("--stock", help="Mesh of what is milled (mm). Default: as the plan's recipe says.")
+    ] = None,
     cell: CellName = DEFAULT_CELL,
     cell_mm: Annotated[float | None, typer.Option("--cell-mm", min=0.02, help="Grid of the simulated metal.")] = None,
     png: Annotated[Path | None, typer.Option("--png", help="Write the picture into this file.")] = None,
@@ -180,9 +186,15 @@ def prove(
     part = load(existing_file(mesh, "mesh file"), checked_units(units))
     with output.progress(quiet=json) as report:
         report("posting", 0.0)
-        given = _program_of(program, facts)
+        given, named = _program_of(program, facts)
+        raw = stock or named
         proof = make_proof(
-            given, facts, part, cell_mm=cell_mm, progress=lambda fraction, word: report(f"proving: {word}", fraction)
+            given,
+            facts,
+            part,
+            stock=load(existing_file(raw, "stock's mesh file")) if raw else None,
+            cell_mm=cell_mm,
+            progress=lambda fraction, word: report(f"proving: {word}", fraction),
         )
     if png is not None and proof.picture:
         writable(png).write_bytes(proof.picture)

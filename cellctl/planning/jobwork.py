@@ -53,7 +53,7 @@ class JobWork:
             lines_total=int(posted.summary.get("lines", 0)),
             duration_s=float(posted.summary.get("duration_s", 0.0)),
         )
-        proved = await self._prove(part, posted, report)
+        proved = await self._prove(job, part, posted, report)
         passed = bool(proved.summary.get("passed"))
         why = (
             "a person has to approve it"
@@ -139,14 +139,17 @@ class JobWork:
 
         return await self._make("program", keys.program_key(planned.sha256, self.cell), self.store.blobs.program, make)
 
-    async def _prove(self, part: PartRow, posted: Made, report: Report) -> Made:
+    async def _prove(self, job: JobRow, part: PartRow, posted: Made, report: Report) -> Made:
+        stock, stock_sha256 = await asyncio.to_thread(self._stock, job)
+
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
-                task = self._task(part, folder, "prove", program=str(self.store.blobs.program(posted.sha256)))
+                program = str(self.store.blobs.program(posted.sha256))
+                task = self._task(part, folder, "prove", program=program, stock=stock)
                 document = await self.workers.run(task, report)
                 return await asyncio.to_thread(self._keep_proof, folder, document)
 
-        key = keys.proof_key(posted.sha256, part.sha256, part.units, self.cell)
+        key = keys.proof_key(posted.sha256, part.sha256, part.units, self.cell, stock_sha256)
         return await self._make("proof", key, self.store.blobs.proof, make)
 
     def _keep_plan(self, folder: Path, summary: dict[str, Any]) -> Made:

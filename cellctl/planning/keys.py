@@ -42,6 +42,6 @@ def program_key(plan_sha256: str, cell: Cell) -> str:
     return _key("program", plan_sha256, cell.sha256)
 
 
-def proof_key(program_sha256: str, part_sha256: str, units: str, cell: Cell) -> str:
-    """Key of a proof."""
-    return _key("proof", program_sha256, part_sha256, units, cell.sha256, cell.simulation.sha256)
+def proof_key(program_sha256: str, part_sha256: str, units: str, cell: Cell, stock_sha256: str = "") -> str:
+    """Key of a proof. stock_sha256 : of the mesh that it is milled from, if one is given"""
+    return _key("proof", program_sha256, part_sha256, units, cell.sha256, cell.simulation.sha256, stock_sha256)

@@ -105,8 +105,13 @@ def prove(task: Task, report: Report) -> dict[str, Any]:
 
     program = read_program(Path(task.program))
     mesh = load(Path(task.mesh), task.units)
+    stock = load(Path(task.stock)) if task.stock else None
     proof = make_proof(
-        program, load_cell(task.cell), mesh, progress=lambda fraction, word: report(f"proving: {word}", fraction)
+        program,
+        load_cell(task.cell),
+        mesh,
+        stock=stock,
+        progress=lambda fraction, word: report(f"proving: {word}", fraction),
     )
     folder = Path(task.folder)
     text = proof.to_json()

@@ -18,7 +18,9 @@ from planner.post.reread import RereadReport, check, verify
 from planner.post.room import check_room, table_from_build
 from planner.post.sequence import Counts, Sequencer
 from planner.post.tools import tool_for
+from planner.process import block_allowance_mm
 from planner.program import Program
+from planner.recipe import parse_recipe
 
 DIALECTS = ("grblhal",)
 
@@ -90,6 +92,7 @@ def post_with_report(
         gate=sequencer.state.gate,
         tools=tuple(sorted(used)),
         duration_s=made.duration_s,
+        stock_allowance_mm=block_allowance_mm(parse_recipe(plan.recipe_toml)) if plan.process == "mill" else None,
     )
     reread = check(program, plan, cell, chain)
     verify(reread, cell)

@@ -16,7 +16,7 @@ from planner.mesh.mesh import Mesh
 from planner.nurbs.offset import inset, outset
 from planner.nurbs.rings import curves_from_region
 from planner.plan import Operation, Pass, Process
-from planner.process import Settings
+from planner.process import Settings, block_allowance_mm
 from planner.recipe import Recipe
 from planner.slicing.regions import LayerRegion, united
 from planner.slicing.slicer import slice_mesh
@@ -29,19 +29,18 @@ from planner.toolpath.side import places, unreached, upright_passes
 Floats = NDArray[np.float64]
 
 _FINISH_MM = 0.3  # what roughing leaves on the walls for the finishing pass
-_BOX_ALLOWANCE_MM = 1.0  # of the block, where neither a stock nor an allowance is given
 _ENTRY_MM = 1.0  # air between cutter and stock where it comes down beside it
 _LEVEL_MM = 1e-6  # nearer levels are one
 _LEAST_CUT_MM2 = 0.05  # smaller pieces of stock are crumbs
 
 
-def stock_of(part: Mesh, recipe: Recipe, settings: Settings, build_from_part: Floats) -> Mesh:
+def stock_of(part: Mesh, recipe: Recipe, build_from_part: Floats) -> Mesh:
     """The stock in the build frame: the recipe's mesh, or the part's box grown sideways and upwards by the allowance.
 
     Raises RecipeError if the stock cannot be read or does not hold the part's box.
     """
     if recipe.stock is None:
-        grow = recipe.stock_allowance_mm if recipe.stock_allowance_mm is not None else _BOX_ALLOWANCE_MM
+        grow = block_allowance_mm(recipe) or 0.0
         low, high = part.bounds[0] - [grow, grow, 0.0], part.bounds[1] + grow
         return box_mesh(low, high)
     try:

@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 BESIDE_MM = 4.0  # of the part, where metal is still followed: beads bulge out by less
 ABOVE_MM = 6.0
 BELOW_MM = 2.0  # of the plate
-BOX_ALLOWANCE_MM = 1.0  # of a block to mill from, sideways and upwards, where nothing else is said
 SAMPLE_MM = 0.25  # spacing of a stock mesh's samples
 
 
@@ -48,10 +47,16 @@ def inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
+def in_build(mesh: TriangleMesh, build_from_part: Array) -> Array:
+    """(n, 3) float, mm   The vertices of a mesh of the part's frame in the build frame."""
+    turned = np.asarray(mesh.vertices, dtype=np.float64) @ build_from_part[:3, :3].T
+    return np.asarray(turned + build_from_part[:3, 3])
+
+
 def metal_for(cell: Cell, part_bounds: Array, cell_mm: float, material: Material, build_from_table: Array | None = None) -> Metal:
     """A fresh plate, ready for the traces of a World.
 
-    part_bounds : (2, 3) float, mm, build frame   Metal is followed in this box and a margin round it.
+    part_bounds : (2, 3) float, mm, build frame   Metal is followed in this box and a margin round it; a larger stock widens it.
     cell_mm : grid of the stock
     build_from_table : (4, 4) float; default: from the cell's placement
     """
@@ -65,7 +70,7 @@ def metal_for(cell: Cell, part_bounds: Array, cell_mm: float, material: Material
     return Metal(stock, cell, frame)
 
 
-def clamp_block(stock: Stock, part_bounds: Array, allowance_mm: float = BOX_ALLOWANCE_MM) -> None:
+def clamp_block(stock: Stock, part_bounds: Array, allowance_mm: float) -> None:
     """A block to mill from: the part's box grown by the allowance sideways and upwards. part_bounds : (2, 3) float, mm, build frame."""
     low, high = np.asarray(part_bounds, dtype=np.float64)
     stock.fill_box(np.array([low - [allowance_mm, allowance_mm, 0.0], high + allowance_mm]))
@@ -73,6 +78,5 @@ def clamp_block(stock: Stock, part_bounds: Array, allowance_mm: float = BOX_ALLO
 
 def clamp_mesh(stock: Stock, mesh: TriangleMesh, build_from_part: Array) -> None:
     """A stock of any closed shape. mesh : part frame, mm; build_from_part : (4, 4) float."""
-    vertices = np.asarray(mesh.vertices, dtype=np.float64) @ build_from_part[:3, :3].T + build_from_part[:3, 3]
-    shape = Target(vertices, np.asarray(mesh.facets, dtype=np.int64), SAMPLE_MM)
+    shape = Target(in_build(mesh, build_from_part), np.asarray(mesh.facets, dtype=np.int64), SAMPLE_MM)
     stock.unite(shape.field(stock.origin, stock.cell_mm, stock.field.shape, stock.band_mm))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 
-import inspect
 import numpy as np
 import pytest
 
