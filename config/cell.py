@@ -182,7 +182,7 @@ class Cell(Facts):
     @property
     def sha256(self) -> str:
         """Hash (hex) of what a Program depends on: everything but the wires, the service's address and the simulation."""
-        wires = {"mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True}
+        wires: dict[str, bool | set[str]] = {"mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True}
         return hashlib.sha256(self.model_dump_json(exclude=wires).encode()).hexdigest()
 
     @property
