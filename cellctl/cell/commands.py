@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import math
+import contextlib
 from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import structlog
 
 from cellctl.cell.controller import Controller
 from cellctl.cell.preconditions import Refused, check_cnc, check_devices, check_program, still_there
 from cellctl.cell.record import END, RUN, StoreError
+from cellctl.cell.resetting import reset_steps
 from cellctl.cell.stream import Run
-from cellctl.cell.transaction import Step, Transaction
+from cellctl.cell.transaction import Transaction
 from cellctl.domain.messages import Command, Reply
 from cellctl.domain.states import HINTS, LATCHED, State, Trigger, WrongStateError, after, is_reached
 from drivers.cell_wires import CellDrivers
@@ -23,7 +25,7 @@ from planner.errors import PlannerError
 from planner.program import Program
 
 S, T = State, Trigger
-RESET_TIMEOUT_S = 3.0
+log = structlog.get_logger()
 ReadProgram = Callable[[Path], Awaitable[tuple[Program, str]]]
 
 
@@ -36,6 +38,8 @@ class Commands:
         self._replies: dict[str, Reply] = {k: msgspec.convert(v, Reply) for k, v in controller.found.replies.items()}
         self._under_way: dict[str, asyncio.Future[Reply]] = {}
         self._task: asyncio.Task[None] | None = None
+        self._starting = ""  # job whose start is under way
+        self._stops = 0
         self._verbs: dict[str, Callable[[Command], Awaitable[dict[str, Any]]]] = {
             "start": self._start,
             "hold": self._hold,
@@ -81,12 +85,21 @@ class Commands:
             reply = Reply(command.id, False, str(error), HINTS.get(error.trigger, ""))
         except (Refused, DriverError, PlannerError, StoreError) as error:
             reply = Reply(command.id, False, error.message, error.hint)
+        except Exception as error:
+            reply = Reply(command.id, False, *self._failed(command.verb, error))
         await self._note(command, reply)
         try:
             await self._c.journal.durable()
         except StoreError as error:
             return Reply(command.id, reply.ok and command.verb == "stop", error.message, error.hint, reply.data)
         return reply
+
+    def _failed(self, verb: str, error: Exception) -> tuple[str, str]:
+        """What nobody foresaw: logged, latched, and told in one line with a hint."""
+        log.exception("failed", verb=verb)
+        line = f"{verb}: {type(error).__name__}: {error}"
+        self._c.fault("internal", line)
+        return line, "note what was done, reset, tell the maintainers"
 
     async def _note(self, command: Command, reply: Reply) -> None:
         said = f"{command.who}: {command.verb}" + (f", because {command.because}" if command.because else "")
@@ -109,34 +122,50 @@ class Commands:
         after(c.state, T.START)
         if job in c.found.jobs:
             raise Refused(f"job {job} was started before", "submit it again as a new job")
+        if self._starting:
+            raise Refused(f"start: job {self._starting} is being started", "one job at a time")
+        self._starting = job
+        try:
+            return await self._start_job(command, job, name, directory)
+        finally:
+            self._starting = ""
+
+    async def _start_job(self, command: Command, job: str, name: str, directory: str) -> dict[str, Any]:
+        c, stops = self._c, self._stops
         program, digest = await self._read_program(Path(directory))
         drivers = self._drivers()
         check_devices(drivers)
         check_cnc(drivers)
         check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
-        after(c.state, T.START)
+        self._check_start(stops)
         c.found.jobs.add(job)
         row = (job, name, directory, digest, c.times.unix(), len(program.lines), command.who, command.id)
         c.journal.write(RUN, row)
         await c.journal.durable()
         try:
-            after(c.state, T.START)
+            self._check_start(stops)
             run = Run(job, name, program, c.cell, drivers, c.modes, c.hand)
             c.run, c.run_started_at, c.ended = run, c.times.wire.now(), None
             c.go(T.START, f"{name}: {command.because or 'started'}")
-        except (WrongStateError, DriverError):
+        except (WrongStateError, DriverError, Refused):
             c.run = None
             c.journal.write(END, (c.times.unix(), "aborted", 0, job))
             raise
         c.event("job", f"{name}: started by {command.who}", {"outcome": "", "total_lines": run.total})
         return {"job": job, "total_lines": run.total}
 
+    def _check_start(self, stops: int) -> None:
+        """Raises unless the cell may still start: what was awaited took time."""
+        after(self._c.state, T.START)
+        if self._stops != stops:
+            raise Refused("start: a stop came before the job began", "start it again as a new job if it is still wanted")
+
     async def _hold(self, command: Command) -> dict[str, Any]:
         c = self._c
         if not is_reached(c.state, T.HOLD):
             after(c.state, T.HOLD)
             drivers = self._drivers()
-            was_permitted = c.hand.is_permitted
+            lead = c.lead_s
             c.hand.lock(command.because)
             if c.state is S.JOGGING:
                 drivers.cnc.jog_cancel()
@@ -145,7 +174,6 @@ class Commands:
                 if c.run is not None:
                     c.run.transaction = None
             else:
-                lead = c.cell.limits.tick_s if was_permitted else 0.0
                 c.quiesce.begin(c.times.wire.now(), reset=False, lead_s=lead)
             c.go(T.HOLD, command.because or "held by the operator")
         return {"state": c.state.value}
@@ -162,7 +190,7 @@ class Commands:
         c = self._c
         if not is_reached(c.state, T.ABORT) and not (c.state is S.IDLE and c.ended is not None):
             after(c.state, T.ABORT)
-            lead = c.cell.limits.tick_s if c.hand.is_permitted else 0.0
+            lead = c.lead_s
             c.hand.lock(command.because)
             c.quiesce.begin(c.times.wire.now(), reset=True, lead_s=lead)
             c.go(T.ABORT, command.because or "aborted by the operator")
@@ -175,6 +203,7 @@ class Commands:
     def stop_now(self, because: str) -> None:
         """Everything off at once, in any state."""
         c = self._c
+        self._stops += 1
         if self._task is not None:
             self._task.cancel()
         if c.drivers is not None:
@@ -183,6 +212,9 @@ class Commands:
             c.drivers.feeder.safe()
             if c.is_cnc_alive:
                 c.quiesce.begin(c.times.wire.now(), reset=True)
+            else:  # a CNC that is being identified, or has fallen silent, may well hear
+                with contextlib.suppress(DriverError):
+                    c.drivers.cnc.hold()
             if c.run is not None:
                 c.run.judge.standstill("stopped")
                 c.quiesce.outcome = c.quiesce.outcome or "aborted"
@@ -207,7 +239,7 @@ class Commands:
             {"who": command.who, "codes": [*c.alarms]},
         )
         c.go(T.RESET, command.because or "reset by the operator")
-        c.transaction = Transaction(self._reset_steps())
+        c.transaction = Transaction(reset_steps(c))
         return {"state": c.state.value}
 
     def _needs_reset(self) -> bool:
@@ -218,27 +250,6 @@ class Commands:
         return bool(
             d.laser.faults or d.feeder.faults or (d.cnc.status is not None and d.cnc.status.state in ("Hold", "Door"))
         )
-
-    def _reset_steps(self) -> list[Step]:
-        c = self._c
-        if c.drivers is None:
-            return []
-        d = c.drivers
-        steps = [
-            Step(
-                "waiting for standstill", lambda: not c.is_cnc_alive or _at_rest(c), RESET_TIMEOUT_S, code="cnc_silent"
-            )
-        ]
-        if not math.isinf(d.laser.age_s):
-            steps.append(Step("resetting the laser", lambda: not d.laser.faults, RESET_TIMEOUT_S, act=d.laser.reset_faults,
-                              age_s=lambda: d.laser.age_s, code="laser_fault", detail=lambda: "; ".join(d.laser.faults)))  # fmt: skip
-        if not math.isinf(d.feeder.age_s):
-            steps.append(Step("resetting the feeder", lambda: not d.feeder.faults, RESET_TIMEOUT_S, act=d.feeder.reset_faults,
-                              age_s=lambda: d.feeder.age_s, code="feeder_fault", detail=lambda: "; ".join(d.feeder.faults)))  # fmt: skip
-        if c.is_cnc_alive and c.run is None:
-            begin = lambda: c.quiesce.begin(c.times.wire.now(), reset=True)  # noqa: E731
-            steps.append(Step("resetting the CNC", lambda: _advanced(c), RESET_TIMEOUT_S, act=begin, code="cnc_silent"))
-        return steps
 
     # -- by hand -------------------------------------------------------------------------------------------------------
 
@@ -308,6 +319,8 @@ class Commands:
         except DriverError as error:
             if c.state in (S.HOMING, S.JOGGING):
                 c.fault("step_failed", error.message, error.hint)
+        except Exception as error:
+            self._failed(c.state.value, error)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         self._task = asyncio.get_running_loop().create_task(work)
@@ -318,13 +331,3 @@ class Commands:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
             self._task = None
-
-
-def _at_rest(c: Controller) -> bool:
-    c.quiesce.advance(c.times.wire.now())
-    return c.quiesce.is_still or c.quiesce.is_clear
-
-
-def _advanced(c: Controller) -> bool:
-    c.quiesce.advance(c.times.wire.now())
-    return c.quiesce.is_clear

@@ -14,6 +14,7 @@ from drivers.cnc.status import MOVING
 from drivers.errors import CommandRefused, DeviceFault, DeviceSilent, FirmwareUnknown, RangeError_, WrongAnswer
 
 ANSWER_S = 3.0  # for a first sign of life; boards that reset when their port is opened take about two
+HOLD_REPEAT_S = 0.3  # a few status periods
 STANDSTILL_S = 10.0  # for a machine that was found moving to slow down
 HOMING_S = 180.0  # longest homing cycle of the travels that these controllers drive
 REPORT_S = 0.35  # by then a report shows the state that a command left behind
@@ -150,13 +151,18 @@ class CncDriver(CncLine):
         return await self.wait_until(lambda: self.status is not None or bool(self.protocol.banner), ANSWER_S)
 
     async def _come_to_rest(self) -> None:
-        """Hold a machine that moves and wait until it stands, so that a reset does not cost its position."""
-        if self._is_moving():
-            self.hold()
+        """Hold a machine that moves and wait until it stands, so that a reset does not cost its position.
+
+        Said again while it moves: a hand at the machine's own cycle start may have let it go on.
+        """
         asked_at = self.clock.now()
-        await self.wait_until(
-            lambda: self.status is not None and self.status.at > asked_at and not self._is_moving(), STANDSTILL_S
-        )
+        while self.clock.now() - asked_at < STANDSTILL_S:
+            if self._is_moving():
+                self.hold()
+            if await self.wait_until(
+                lambda: self.status is not None and self.status.at > asked_at and not self._is_moving(), HOLD_REPEAT_S
+            ):
+                return
 
     def _is_moving(self) -> bool:
         status = self.status

@@ -198,3 +198,17 @@ async def test_a_command_whose_end_state_is_reached_is_answered_and_changes_noth
     reply = await cell.command(verb)
     assert reply.ok
     assert cell.state in (state, State.IDLE)
+
+
+async def test_stop_reaches_a_machine_that_is_set_going_by_hand_while_the_cell_process_comes_up(cell: CellUnderTest) -> None:
+    await cell.deposit()
+    await cell.kill()
+    await cell.forward(seconds=0.6)
+    await cell.power_up(until_idle=False)
+    await cell.forward(until=lambda: cell.sim.cnc.state[0] == "Hold", seconds=1)
+    cell.sim.faults.add("cycle_start")  # the machine's own button
+    await cell.forward(ticks=3)
+    assert not cell.is_still
+    assert (await cell.command("stop")).ok
+    await cell.forward(seconds=0.5)
+    assert cell.is_still and cell.is_dark
