@@ -205,7 +205,7 @@ async def test_stop_reaches_a_machine_that_is_set_going_by_hand_while_the_cell_p
     await cell.kill()
     await cell.forward(seconds=0.6)
     await cell.power_up(until_idle=False)
-    await cell.forward(until=lambda: cell.sim.cnc.state[0] == "Hold", seconds=1)
+    await cell.forward(until=lambda: cell.sim.cnc.state == ("Hold", 0), seconds=1)
     cell.sim.faults.add("cycle_start")  # the machine's own button
     await cell.forward(ticks=3)
     assert not cell.is_still
