@@ -66,10 +66,11 @@ def plan(
         regions = regions[::-1]
     else:
         say("contours", 0.1)
-        beads = layer_beads(regions, settings)
+        tops = finished_tops(regions, settings)
+        beads = layer_beads(regions, tops, settings)
         bands = make_bands(regions, part, settings) if settings.is_milled else []
         say("toolpaths", 0.3)
-        sequence = build_up(regions, beads, bands, settings, lambda share: say("toolpaths", 0.3 + 0.7 * share))
+        sequence = build_up(regions, beads, tops, bands, settings, lambda share: say("toolpaths", 0.3 + 0.7 * share))
         found += _overhang_findings(regions)
     found += sequence.findings
     layers = [layer_of(region, part, sequence.operations.get(region.index, ())) for region in regions]
@@ -117,13 +118,21 @@ def recipe_text(recipe: Recipe) -> str:
     return tomli_w.dumps({key: value for key, value in recipe.model_dump().items() if value is not None})
 
 
-def layer_beads(regions: list[LayerRegion], settings: Settings) -> list[Bead]:
-    """The bead of each layer. Raises RecipeError if no bead fills one, or if only milling could bring one down."""
+def finished_tops(regions: list[LayerRegion], settings: Settings) -> list[bool]:
+    """Which layers have a top that is faced and stays: part of it carries nothing of the next layer."""
+    lowers = [*(region.areas[0] for region in regions[1:]), MultiPolygon()]
+    return [settings.is_milled and _has_top(region, above) for region, above in zip(regions, lowers, strict=True)]
+
+
+def layer_beads(regions: list[LayerRegion], tops: list[bool], settings: Settings) -> list[Bead]:
+    """The bead of each layer.  tops : which have a finished face.
+
+    Raises RecipeError if no bead fills one, or if only milling could bring one down.
+    """
     if settings.is_milled:
-        lowers = [*(region.areas[0] for region in regions[1:]), MultiPolygon()]
         return [
-            settings.bead_for(region.height_mm, TOP_RESERVE if _has_top(region, above) else 0.0)
-            for region, above in zip(regions, lowers, strict=True)
+            settings.bead_for(region.height_mm, TOP_RESERVE if is_top else 0.0)
+            for region, is_top in zip(regions, tops, strict=True)
         ]
     beads = [settings.bead_for(region.height_mm) for region in regions]
     for region, bead in zip(regions, beads, strict=True):

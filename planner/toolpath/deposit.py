@@ -49,12 +49,17 @@ class Dropped:
     bead_mm: float
 
 
-def deposit_operations(layer: LayerRegion, bead: Bead, settings: Settings) -> tuple[list[Operation], list[Dropped]]:
-    """Operations that deposit a layer on its lower plane, without links, and what falls away."""
+def deposit_operations(
+    layer: LayerRegion, bead: Bead, settings: Settings, is_top: bool = False
+) -> tuple[list[Operation], list[Dropped]]:
+    """Operations that deposit a layer on its lower plane, without links, and what falls away.
+
+    is_top : part of the layer's top is a finished face.
+    """
     grown = grown_region(layer, bead, settings)
     contours = contour_passes(grown, layer.z_bottom, layer.index, bead, settings)
     middles, dropped = _thin_passes(grown, layer, bead, settings)
-    fill = fill_passes(grown, layer.z_bottom, layer.index, bead, settings)
+    fill = fill_passes(grown, layer.z_bottom, layer.index, bead, settings, is_top)
     operations: list[Operation] = []
     for process, passes in ((Process.DEPOSIT_CONTOUR, [*contours, *middles]), (Process.DEPOSIT_FILL, fill)):
         if passes:

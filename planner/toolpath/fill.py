@@ -30,12 +30,16 @@ class Track:
     region: int
 
 
-def infill_region(grown: MultiPolygon, bead: Bead, settings: Settings) -> MultiPolygon:
+def infill_region(grown: MultiPolygon, bead: Bead, settings: Settings, is_top: bool = False) -> MultiPolygon:
     """Where the centres of hatch beads may run, so that tracks at the step's distance bring just the metal it takes.
 
     A track fills one step of width. The contours therefore account for as many steps from the edge of full height, and
     hatch ends there; its tracks overlap the contour's.
+    is_top : under a finished face no next layer fills what the round ends of tracks leave between them and the contour;
+    hatch then runs on to the centreline of the innermost contour, and facing takes off what is too much.
     """
+    if is_top:
+        return inset(grown, 0.5 * bead.width_mm + (settings.recipe.contours - 1) * bead.step_mm)
     return inset(grown, edge_mm(bead, settings) + settings.recipe.contours * bead.step_mm)
 
 
@@ -126,9 +130,14 @@ def _nearest(at: tuple[float, float], strands: list[list[Piece]]) -> int:
     return min(range(len(strands)), key=lambda k: math.dist(at, (strands[k][0][1], strands[k][0][3])))
 
 
-def fill_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings) -> list[Pass]:
-    """The hatch of one layer.  grown : region to fill, allowance included, mm   z : of the surface that receives it."""
-    region = infill_region(grown, bead, settings)
+def fill_passes(
+    grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings, is_top: bool = False
+) -> list[Pass]:
+    """The hatch of one layer.
+
+    grown : region to fill, allowance included, mm   z : of the surface that receives it   is_top : has a finished face.
+    """
+    region = infill_region(grown, bead, settings, is_top)
     if region.is_empty:
         return []
     tracks = hatch_tracks(region, hatch_angle(layer, settings), bead.step_mm, _LEAST_LINE * bead.width_mm)

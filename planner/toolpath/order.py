@@ -15,6 +15,7 @@ from planner.slicing.regions import LayerRegion
 from planner.toolpath.bands import Band
 from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operation
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
+from planner.toolpath.fill import infill_region
 from planner.toolpath.links import Pose, linked
 
 _HIGHER = 1e-3  # relative: a bead this much above what was asked is no rounding
@@ -44,9 +45,9 @@ class Sequence:
         done, self.here = linked(operation, self.here, self.metal_top, self.settings)
         self.operations.setdefault(layer, []).append(done)
 
-    def deposit(self, layer: LayerRegion, bead: Bead) -> None:
-        """A layer's deposition."""
-        operations, dropped = deposit_operations(layer, bead, self.settings)
+    def deposit(self, layer: LayerRegion, bead: Bead, is_top: bool) -> None:
+        """A layer's deposition.  is_top : part of its top is a finished face."""
+        operations, dropped = deposit_operations(layer, bead, self.settings, is_top)
         self.dropped.extend(dropped)
         self.above_mm += max(bead.height_mm - layer.height_mm, 0.0)
         self.unfaced += 1
@@ -54,7 +55,15 @@ class Sequence:
         for operation in operations:
             self.add(operation, layer.index)
         filled = outset(layer.region, self.settings.allowance_mm) if self.settings.allowance_mm > 0.0 else layer.region
-        self.deposited_mm3 += filled.area * bead.height_mm
+        self.deposited_mm3 += (filled.area + self._more_hatch_mm2(layer, bead, is_top)) * bead.height_mm
+
+    def _more_hatch_mm2(self, layer: LayerRegion, bead: Bead, is_top: bool) -> float:
+        """How much more area the hatch under a finished face covers than its region takes."""
+        if not is_top:
+            return 0.0
+        grown = grown_region(layer, bead, self.settings)
+        usual, wider = (infill_region(grown, bead, self.settings, top).area for top in (False, True))
+        return float(wider - usual)
 
     def face(self, layer: LayerRegion, metal: MultiPolygon) -> None:
         """The facing of a layer's top."""
@@ -74,19 +83,21 @@ class Sequence:
 def build_up(
     layers: list[LayerRegion],
     beads: list[Bead],
+    tops: list[bool],
     bands: list[Band],
     settings: Settings,
     progress: Callable[[float], None],
 ) -> Sequence:
     """The operations of a part that is deposited (and, where there are bands, milled), from the substrate up.
 
-    bands : of all layers, or none for a part that is only deposited.   progress : told the share done.
+    tops : which layers have a finished face   bands : of all layers, or none for a part that is only deposited
+    progress : told the share done.
     Raises PlanningError if no bead fits anywhere.
     """
     sequence = Sequence(settings)
     closing = {band.last: band for band in bands}
-    for layer, bead in zip(layers, beads, strict=True):
-        sequence.deposit(layer, bead)
+    for layer, bead, is_top in zip(layers, beads, tops, strict=True):
+        sequence.deposit(layer, bead, is_top)
         band = closing.get(layer.index)
         if settings.is_milled:
             if band is not None or _is_face_due(sequence, layer, bead, layer.index == len(layers) - 1):

@@ -71,7 +71,10 @@ def test_volumes_add_up(pipe: Plan) -> None:
     assert volumes["part"] == pytest.approx(8292.12, abs=0.1)
     grown = np.pi * (23.6**2 - 16.4**2) * 11.0 * 1.08
     reserve = np.pi * (23.6**2 - 16.4**2) * 11.0 / 14.0 * TOP_RESERVE
-    assert volumes["deposited"] == pytest.approx(grown + reserve, rel=2e-3)
+    last = next(o for o in pipe.layers[-1].operations if o.process is Process.DEPOSIT_FILL)
+    strip = (0.62 - 0.31) * last.bead_width_mm  # by which the last hatch runs on, from a step off the wall to the contour
+    hatch = np.pi * strip * 2.0 * (23.6 + 16.4) * last.bead_height_mm
+    assert volumes["deposited"] == pytest.approx(grown + reserve + hatch, rel=2e-3)
     assert volumes["milled"] == pytest.approx(volumes["deposited"] - volumes["part"])
 
 

@@ -96,3 +96,15 @@ def test_file_commands_and_workers_prove_with_the_stock(
         "prove", str(tmp_path), 0, 0, mesh="part.stl", program="program", stock=str(cylinder), cell="trunnion_tcp"
     )
     assert stages.prove(task, lambda stage, share: None)["passed"] is True
+
+
+def test_finished_top_of_a_small_block_has_no_pits_between_hatch_and_contour() -> None:
+    body = box(12.0, 8.0, 3.0)
+    program = planner.post(planner.plan(body, Recipe(tolerance_mm=0.15)), CELL)
+    run = DryRun(program, CELL, body, load_material("316L"), None, CELL_MM)
+    run.execute()
+    proof = run.conclude()
+    assert proof.passed, proof.reasons
+    across, along = np.meshgrid(np.linspace(-5.5, 5.5, 45), np.linspace(-3.5, 3.5, 29))
+    top = np.column_stack([across.ravel(), along.ravel(), np.full(across.size, 3.0)])
+    assert run.stock.distance(top).max() < 0.15  # a pit of this depth stood at every end of a hatch line

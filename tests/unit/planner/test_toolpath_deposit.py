@@ -165,3 +165,14 @@ def test_levels_meet_flat_faces_and_eq1_areas_are_those_of_the_step() -> None:
     upper = next(layer for layer in layers if abs(layer.z_bottom - 3.0) < 1e-9)
     assert upper.overlap_mm2 == pytest.approx(16 * 12, rel=1e-9)
     assert upper.overhang_mm2 == pytest.approx(4 * 12, rel=1e-9)
+
+
+def test_hatch_of_a_finished_top_runs_to_the_contours_centreline_and_no_other_hatch_does() -> None:
+    made = plan(box(30.0, 30.0, 1.6), QUICK)
+    for layer, is_top in zip(made.layers, (False, True), strict=True):
+        contour, fill = (o for o in layer.operations if o.process.is_deposit)
+        outline = shapely.Polygon(lit_points(next(s for s in contour.passes if not s.is_link))[:, :2]).exterior
+        ends = np.vstack([lit_points(s)[[0, -1], :2] for s in fill.passes if not s.is_link])
+        away = shapely.distance(outline, shapely.points(ends))
+        short = 0.0 if is_top else 0.5 * Settings.from_recipe(QUICK).step_over * contour.bead_width_mm
+        assert np.abs(np.median(away) - short) < 0.02
