@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -91,17 +92,21 @@ class CellProcess:
         self._journal.close()
 
     def _tick(self) -> None:
-        try:
-            self.controller.tick()
-        except Exception as error:
-            log.exception("tick failed")
-            self.controller.fault("internal", f"{type(error).__name__}: {error}")
+        self._guard(self.controller.tick)
         self._pace()
         now = self._clock.now()
         if now - self._published_at >= SNAPSHOT_S - 0.5 * self.cell.limits.tick_s:
             self._published_at = now
             self._seq += 1
             self._ipc.publish(snapshot(self.controller, self._seq, self._beat))
+
+    def _guard(self, work: Callable[[], None]) -> None:
+        """Work of the tick: what nobody foresaw is logged and latched."""
+        try:
+            work()
+        except Exception as error:
+            log.exception("tick failed")
+            self.controller.fault("internal", f"{type(error).__name__}: {error}")
 
     def _watch_cnc(self, cnc: CncDriver | None) -> None:
         """Read the CNC's port as soon as bytes come in."""
@@ -115,7 +120,7 @@ class CellProcess:
             self._watched = descriptor
 
     def _pump(self) -> None:
-        self.controller.pump()
+        self._guard(self.controller.pump)
         if not self.controller.is_cnc_alive:
             self._watch_cnc(None)
         self._pace()

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 S, T = State, Trigger
 MOTION_TIMEOUT_S = 5.0  # from `~` to the first report of motion
+CNC_SILENT_S = 2.0  # at rest: after so long without a status report the CNC counts as missing
 
 
 def _connected(cell: Controller, drivers: CellDrivers, now: float) -> None:
@@ -32,6 +33,8 @@ def what_is_missing(cell: Controller, drivers: CellDrivers) -> str:
     """One line about the first wire or device that does not answer; empty when all is there."""
     if not cell.is_cnc_alive:
         return cell.offline_line or "the CNC does not answer"
+    if cell.senses.cnc_age_s > CNC_SILENT_S:
+        return "the CNC sends no status"
     for name, device, register in (
         ("laser", drivers.laser, "fault_word"),
         ("feeder", drivers.feeder, "fault_word"),
@@ -98,6 +101,13 @@ def _holding(cell: Controller, drivers: CellDrivers, now: float) -> None:
     if cell.quiesce.is_still:
         drivers.feeder.set_rate(0.0)
         cell.go(T.STOOD_STILL, cell.because)
+
+
+def _held(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    """The machine stands; one that was let go at its own panel is held again."""
+    status = drivers.cnc.status
+    if status is not None and status.state == "Run":
+        cell.quiesce.advance(now)
 
 
 def _resuming(cell: Controller, drivers: CellDrivers, now: float) -> None:
@@ -178,7 +188,7 @@ STEPS: dict[State, Callable[[Controller, CellDrivers, float], None]] = {
     S.PREPARING: _preparing,
     S.RUNNING: _running,
     S.HOLDING: _holding,
-    S.HELD: _rest,
+    S.HELD: _held,
     S.RESUMING: _resuming,
     S.ABORTING: _aborting,
     S.FAULT: _latched,

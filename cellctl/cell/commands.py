@@ -86,6 +86,7 @@ class Commands:
         except (Refused, DriverError, PlannerError, StoreError) as error:
             reply = Reply(command.id, False, error.message, error.hint)
         except Exception as error:
+            log.exception("command failed", verb=command.verb)
             reply = Reply(command.id, False, *self._failed(command.verb, error))
         await self._note(command, reply)
         try:
@@ -95,8 +96,7 @@ class Commands:
         return reply
 
     def _failed(self, verb: str, error: Exception) -> tuple[str, str]:
-        """What nobody foresaw: logged, latched, and told in one line with a hint."""
-        log.exception("failed", verb=verb)
+        """What nobody foresaw: latched, and told in one line with a hint."""
         line = f"{verb}: {type(error).__name__}: {error}"
         self._c.fault("internal", line)
         return line, "note what was done, reset, tell the maintainers"
@@ -320,6 +320,7 @@ class Commands:
             if c.state in (S.HOMING, S.JOGGING):
                 c.fault("step_failed", error.message, error.hint)
         except Exception as error:
+            log.exception("work of the CNC failed", state=c.state.value)
             self._failed(c.state.value, error)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:

@@ -11,6 +11,7 @@ import structlog
 
 from cellctl.cell.controller import Controller
 from cellctl.cell.poll import lines_of, poll_line
+from config.base import ConfigError
 from config.cell import Cell
 from drivers import open_cell, open_cnc
 from drivers.cell_wires import CellDrivers
@@ -90,6 +91,12 @@ class Connection:
                 except DriverError as error:
                     self._is_port_open = self._is_port_open and isinstance(error, DeviceSilent)
                     self._say(f"{error.message}; {error.hint}" if error.hint else error.message)
+                except ConfigError as error:
+                    self._say(f"{error.message}; {error.hint}")
+                except Exception as error:
+                    log.exception("connecting failed")
+                    self._is_port_open = False
+                    self._fail(f"connecting: {type(error).__name__}: {error}")
             await self._clock.sleep(RETRY_S)
 
     async def _connect(self) -> None:
@@ -98,7 +105,7 @@ class Connection:
             drivers = self._wires.open()
             c.attach(drivers)
             for devices in lines_of(c.cell, drivers):
-                self._spawn(poll_line(devices, self._clock, self._is_ticking))
+                self._spawn(poll_line(devices, self._clock, self._is_ticking, self._fail))
         elif not self._is_port_open:
             self._on_cnc(None)
             c.drivers.cnc.close()
@@ -112,6 +119,9 @@ class Connection:
         self._on_cnc(c.drivers.cnc)
         text = f"{identity.firmware} {identity.version}, axes {''.join(identity.letters)}, {identity.rx_bytes} bytes of receive buffer"
         c.event("connected", text, {"firmware": identity.firmware, "rx_bytes": identity.rx_bytes})
+
+    def _fail(self, line: str) -> None:
+        self._c.fault("internal", line)
 
     def _say(self, line: str) -> None:
         if line != self._c.offline_line:

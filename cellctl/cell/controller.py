@@ -29,10 +29,11 @@ from drivers.cnc.events import (
     LineRejected,
     Message,
     PortLost,
+    ProtocolFault,
     StatusReport,
     Welcome,
 )
-from drivers.errors import RangeError_
+from drivers.errors import LinkError, RangeError_
 from drivers.interfaces import Clock
 
 S, T = State, Trigger
@@ -138,7 +139,7 @@ class Controller:
         """Latch a fault with its cause and remedy, laser off first; the same one twice is one alarm."""
         lead_s = 0.0
         if self.drivers is not None:
-            lead_s = self.cell.limits.tick_s if self.hand.is_permitted else 0.0
+            lead_s = self.lead_s
             self.hand.lock(code)
         if code in self.alarms:
             return
@@ -147,22 +148,31 @@ class Controller:
         self.alarms[code] = Alarm(self.alarms_made, self.times.unix(), code, cause, cure)
         self.details[code] = (detail, remedy)
         self.event("alarm", cause, {"code": code, "detail": detail, "remedy": remedy, "shown_remedy": cure})
-        was_latched = self.state in LATCHED
+        before = self.state
         self.go(T.FAULTED, cause)
         if self.drivers is None:
             return
         reaction = REACTIONS[code]
-        if not was_latched and self.is_cnc_alive:
-            self.quiesce.begin(self.times.wire.now(), reset=False, lead_s=lead_s)
-        if reaction.motion == "reset" and self.is_cnc_alive:
-            self.quiesce.begin(self.times.wire.now(), reset=True)
+        wants_reset = reaction.motion == "reset" or before in (S.ABORTING, S.HOMING)  # homing knows no hold
+        if self.is_cnc_alive and (wants_reset or before not in LATCHED):
+            self.quiesce.begin(self.times.wire.now(), reset=wants_reset, lead_s=lead_s)
         if reaction.powder_off:
             self.drivers.feeder.safe()
         self.drivers.laser.enable(False)
-        if reaction.ends_job and self.run is not None:
-            self.quiesce.outcome = "failed" if code in ("line_rejected", "tool", "datum") else "interrupted"
-            if not self.is_cnc_alive:
-                self.end_run(self.quiesce.outcome)
+        if self.run is None:
+            return
+        if before is S.ABORTING:
+            self.quiesce.outcome = "aborted"
+        elif reaction.ends_job:
+            ending = "failed" if code in ("line_rejected", "tool", "datum") else "interrupted"
+            self.quiesce.outcome = self.quiesce.outcome or ending
+        if self.quiesce.outcome and not self.is_cnc_alive:
+            self.end_run(self.quiesce.outcome)
+
+    @property
+    def lead_s(self) -> float:
+        """How long the tip has to go on moving after the laser is locked, so that it is dark before it stands (s)."""
+        return max(self.cell.limits.tick_s if self.hand.is_permitted else 0.0, self.hand.dark_in_s)
 
     @property
     def quiesce_pending(self) -> bool:
@@ -197,6 +207,8 @@ class Controller:
             self.fault(error.code, error.detail, error.remedy)
         except RangeError_ as error:
             self.fault("step_failed", error.message, error.hint)
+        except LinkError as error:  # the CNC's line broke under this step: the next pump brings PortLost
+            self.hand.lock(error.message)
         situation = self._situation(now)
         self.permissives = self.senses.permissives(situation)
         is_allowed = may_emit(self.permissives)
@@ -239,7 +251,8 @@ class Controller:
                 self.fault(code, detail, remedy)
 
     def _on_cnc(self, event: CncEvent) -> None:
-        busy = self.state in IN_JOB or self.state in (S.HOMING, S.JOGGING)
+        has_job = self.run is not None and not self.quiesce_pending  # also behind a fault that can be reset
+        busy = has_job or self.state in IN_JOB or self.state in (S.HOMING, S.JOGGING)
         if isinstance(event, StatusReport):
             if self.run is not None:
                 self.run.report(event.status)
@@ -257,6 +270,8 @@ class Controller:
             self.fault("line_rejected", f"N{event.n} {event.line!r}: error {event.code}, {event.text}", event.remedy)
         elif isinstance(event, AnswerOverdue) and self.run is not None:
             self.fault("answer_overdue", f"N{event.n} after {event.waited_s:.1f} s {event.garbled}".strip())
+        elif isinstance(event, ProtocolFault) and has_job and self.drivers and self.drivers.cnc.is_halted:
+            self.fault("cnc_answers", event.text)
         elif isinstance(event, Welcome) and not event.expected and busy:
             self.fault("cnc_reset", event.banner)
         elif isinstance(event, Message):

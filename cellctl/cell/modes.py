@@ -38,6 +38,7 @@ class Modes:
         self._d = drivers
         self._clock = clock
         self._hand = hand
+        self._is_dusty = False  # powder has flowed since the last purge
 
     def steps(self, mode: int, tool: int | None, offset: dict[str, float]) -> list[Step]:
         """Steps of MODE 0, 1 or 2. tool : what has to be in the spindle (None: not checked); offset : G54 of the Program."""
@@ -75,7 +76,7 @@ class Modes:
     def dark(self, purpose: str) -> list[Step]:
         """Laser locked out and read back, powder shut and purged, head parked and confirmed."""
         io, laser, feeder, limits = self._d.io, self._d.laser, self._d.feeder, self._cell.limits
-        had_powder = feeder.rate_setpoint_g_min > 0 or not feeder.rate_readback_g_min <= NO_POWDER_G_MIN
+        self._is_dusty |= feeder.rate_setpoint_g_min > 0 or not feeder.rate_readback_g_min <= NO_POWDER_G_MIN
         steps = [
             Step(
                 f"switching the laser off for {purpose}",
@@ -98,7 +99,7 @@ class Modes:
                 remedy="look at the feeder, then reset",
             ),
         ]
-        if had_powder and limits.purge_s > 0:
+        if self._is_dusty and limits.purge_s > 0:
             until = [0.0]
             steps.append(
                 Step(
@@ -113,7 +114,9 @@ class Modes:
                 "parking the deposition head",
                 lambda: io.head_parked and not io.head_deployed,
                 HEAD_TIMEOUT_S,
-                act=self._once(io.park_head, lambda: feeder.set_carrier_gas(0.0), lambda: feeder.set_shield_gas(0.0)),
+                act=self._once(
+                    self._purged, io.park_head, lambda: feeder.set_carrier_gas(0.0), lambda: feeder.set_shield_gas(0.0)
+                ),
                 age_s=lambda: io.age_s,
                 detail=lambda: f"deployed={io.head_deployed}, parked={io.head_parked}",
                 remedy="look at the head's slide and its end switches, then reset",
@@ -132,7 +135,7 @@ class Modes:
             f"waiting for powder to flow at {g_min:g} g/min" if g_min > 0 else "waiting for powder to stop",
             lambda: abs(feeder.rate_readback_g_min - g_min) <= band,
             limits.powder_settle_timeout_s,
-            act=lambda: feeder.set_rate(g_min),
+            act=self._once(lambda: feeder.set_rate(g_min), self._powdered),
             age_s=lambda: feeder.age_s,
             must_last_s=0.1,
             code="powder_flow",
@@ -197,6 +200,12 @@ class Modes:
             code="datum",
             detail=lambda: offset_differs(self._d.cnc.status.wco if self._d.cnc.status else {}, offset),
         )
+
+    def _powdered(self) -> None:
+        self._is_dusty = True
+
+    def _purged(self) -> None:
+        self._is_dusty = False
 
     @staticmethod
     def _once(*acts: Callable[[], None]) -> Callable[[], None]:

@@ -6,10 +6,14 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+import structlog
+
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
 from drivers.interfaces import Clock
 from drivers.modbus.device import DeviceClient
+
+log = structlog.get_logger()
 
 
 class Cycled(Protocol):
@@ -32,10 +36,13 @@ def lines_of(cell: Cell, drivers: CellDrivers) -> list[list[Cycled]]:
     return list(groups.values())
 
 
-async def poll_line(devices: Sequence[Cycled], clock: Clock, is_ticking: Callable[[], bool]) -> None:
+async def poll_line(
+    devices: Sequence[Cycled], clock: Clock, is_ticking: Callable[[], bool], on_failure: Callable[[str], None]
+) -> None:
     """Cycle the devices of one line for ever. A set-point that changed is written in the next turn of the event loop.
 
     is_ticking : whether the safety tick beats; without it no heartbeat is sent and the devices' dead-man timers run out.
+    on_failure : told in one line what nobody foresaw; the line is polled on.
     """
     period = min(device.client.device.poll_s for device in devices)
     while True:
@@ -44,7 +51,11 @@ async def poll_line(devices: Sequence[Cycled], clock: Clock, is_ticking: Callabl
             device.client.is_beating = is_ticking()
             if not device.client.is_beating:
                 device.client.safe()
-            await device.cycle()
+            try:
+                await device.cycle()
+            except Exception as error:
+                log.exception("poll failed", device=device.client.device.name)
+                on_failure(f"{device.client.device.name}: {type(error).__name__}: {error}")
         pause = max(period - (clock.now() - started), 0.001)
         if not any(device.client.wake.is_set() for device in devices):
             await _wake_or_pause([device.client.wake for device in devices], clock, pause)

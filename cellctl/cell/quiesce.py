@@ -24,13 +24,16 @@ class Quiesce:
         self._said_at = -1.0
 
     def begin(self, now: float, *, reset: bool, lead_s: float = 0.0) -> None:
-        """Come to rest from now on; harmless twice.
+        """Come to rest from now on; harmless twice: a reset that is on its way is not put off by asking again.
 
         reset : drop what is buffered at standstill. lead_s : let so much time go by before the first hold, so that the laser is
         dark before the tip slows down.
         """
-        self._began_at = now
-        self._said_at = now + lead_s - REPEAT_S
+        first_at = now + lead_s - REPEAT_S
+        if reset and self._wants_reset and not self.is_reset:
+            self._said_at = min(self._said_at, first_at)
+        else:
+            self._began_at, self._said_at = now, first_at
         self._wants_reset = reset
         self.is_reset = False
         self.advance(now)
@@ -39,7 +42,7 @@ class Quiesce:
     def is_still(self) -> bool:
         """Whether the last report shows a machine that stands with nothing left to move."""
         status = self._d.cnc.status
-        if status is None:
+        if status is None or not self._is_told:
             return False
         if (
             status.is_held
@@ -48,7 +51,13 @@ class Quiesce:
         ):
             return True
         nothing_comes = self._d.cnc.is_drained or bool(self._d.cnc.is_halted)
-        return status.is_idle and status.at > self._began_at and nothing_comes
+        return status.is_idle and nothing_comes
+
+    @property
+    def _is_told(self) -> bool:
+        """Whether the last report came since: an older one may show the standstill before a resume."""
+        status = self._d.cnc.status
+        return status is not None and status.at > self._began_at
 
     @property
     def is_clear(self) -> bool:
@@ -76,7 +85,7 @@ class Quiesce:
             self.is_reset = True
             self._reset_at = now
             return
-        if self.is_reset or self.is_still or state in ("Hold", "Door", "Check"):
+        if self.is_reset or self.is_still or (self._is_told and state in ("Hold", "Door", "Check")):
             return
         if now - self._said_at >= REPEAT_S:
             self._said_at = now

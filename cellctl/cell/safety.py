@@ -43,6 +43,17 @@ class LaserHand:
         self.is_permitted = True
         self.because = ""
 
+    @property
+    def dark_in_s(self) -> float:
+        """Seconds until a laser that cannot be told is dark by its own dead-man; 0 for one that answers or was dark before.
+
+        So long the tip has to go on moving: light at standstill burns a hole.
+        """
+        client = self._laser.client
+        is_heard = client.last_error is None or client.age("emission") <= client.device.timeout_s
+        was_dark = not self.is_permitted and self._clock.now() - self.dark_since > client.device.dead_man_s
+        return 0.0 if is_heard or was_dark else client.trips_in_s
+
     def lock(self, because: str) -> None:
         """Permit and power off, now. Harmless twice."""
         if self.is_permitted:
@@ -123,8 +134,10 @@ class Senses:
     def faults(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         """(code, detail, remedy) of everything that has to latch, worst first."""
         yield from self._everywhere(now)
-        if now.state in IN_JOB:
+        if now.state in IN_JOB or now.state is State.JOGGING:
             yield from self._cnc()
+        if now.state in (State.JOGGING, State.HOMING):
+            yield from self._door()
         if now.state in ACTIVE:
             yield from self._interlocks()
             yield from self._devices(now)
@@ -159,6 +172,13 @@ class Senses:
                 return
             if not signal.value and code != "estop":
                 yield code, "", ""
+
+    def _door(self) -> Iterator[tuple[str, str, str]]:
+        door = _signal(self._d.io.client, "door_closed")
+        if not door.is_fresh:
+            yield "io_silent", _why_silent(self._d.io.client), ""
+        elif not door.value:
+            yield "door", "", ""
 
     def _devices(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         laser, feeder = self._d.laser, self._d.feeder

@@ -77,6 +77,12 @@ REACTIONS: dict[str, Reaction] = {
     "answer_overdue": Reaction(
         "A line was never answered: {detail}", "look at the serial cable; reset", "reset", ends_job=True
     ),
+    "cnc_answers": Reaction(
+        "What the CNC says cannot be trusted: {detail}",
+        "look at the serial cable and its shield; reset",
+        "reset",
+        ends_job=True,
+    ),
     "step_failed": Reaction("{detail}", "{remedy}", ends_job=False),
     "tool": Reaction(
         "The wrong tool is in the spindle: {detail}", "change the tool; reset, then start again", "reset", ends_job=True

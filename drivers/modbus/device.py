@@ -58,12 +58,18 @@ class DeviceClient:
         self._is_up = False
         self._misses = 0  # cycles without an answer, in a row
         self._answered_at = -math.inf
+        self._beat_at = -math.inf  # last try to write the heartbeat
         self._retry_at = -math.inf
 
     @property
     def connected(self) -> bool:
         """Whether the link is open and the device has answered within its dead-man time."""
         return self.link.connected and self.clock.now() - self._answered_at <= self.device.dead_man_s
+
+    @property
+    def trips_in_s(self) -> float:
+        """Seconds until the device's own dead-man has tripped, if it hears no heartbeat from now on."""
+        return max(0.0, self._beat_at + self.device.dead_man_s - self.clock.now())
 
     @property
     def faults(self) -> list[str]:
@@ -159,6 +165,8 @@ class DeviceClient:
     async def _write(self, group: list[str], wanted: dict[str, list[int]]) -> DriverError | None:
         register = self.device.registers[group[0]]
         at = self.clock.now()
+        if HEARTBEAT in group:
+            self._beat_at = at
         try:
             await self.link.write(self.device_id, register.table, register.address, [w for name in group for w in wanted[name]])
         except (DeviceFault, WrongAnswer) as error:

@@ -1,0 +1,40 @@
+"""What a reset does, step by step: standstill, the devices' own faults, and a CNC without a job begun anew."""
+
+from __future__ import annotations
+
+import math
+
+from cellctl.cell.controller import Controller
+from cellctl.cell.transaction import Step
+
+RESET_TIMEOUT_S = 3.0
+
+
+def reset_steps(c: Controller) -> list[Step]:
+    """The steps for the cell as it stands."""
+    if c.drivers is None:
+        return []
+    d = c.drivers
+    steps = [
+        Step("waiting for standstill", lambda: not c.is_cnc_alive or _at_rest(c), RESET_TIMEOUT_S, code="cnc_silent")
+    ]
+    if not math.isinf(d.laser.age_s):
+        steps.append(Step("resetting the laser", lambda: not d.laser.faults, RESET_TIMEOUT_S, act=d.laser.reset_faults,
+                          age_s=lambda: d.laser.age_s, code="laser_fault", detail=lambda: "; ".join(d.laser.faults)))  # fmt: skip
+    if not math.isinf(d.feeder.age_s):
+        steps.append(Step("resetting the feeder", lambda: not d.feeder.faults, RESET_TIMEOUT_S, act=d.feeder.reset_faults,
+                          age_s=lambda: d.feeder.age_s, code="feeder_fault", detail=lambda: "; ".join(d.feeder.faults)))  # fmt: skip
+    if c.is_cnc_alive and c.run is None:
+        begin = lambda: c.quiesce.begin(c.times.wire.now(), reset=True)  # noqa: E731
+        steps.append(Step("resetting the CNC", lambda: _advanced(c), RESET_TIMEOUT_S, act=begin, code="cnc_silent"))
+    return steps
+
+
+def _at_rest(c: Controller) -> bool:
+    c.quiesce.advance(c.times.wire.now())
+    return c.quiesce.is_still or c.quiesce.is_clear
+
+
+def _advanced(c: Controller) -> bool:
+    c.quiesce.advance(c.times.wire.now())
+    return c.quiesce.is_clear
