@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Awaitable, Callable
 from urllib.parse import urlsplit
 
 HEAD_LIMIT = 8192  # bytes of request line and headers
 BODY_LIMIT = 4096
 READ_TIMEOUT_S = 5.0
-CONNECTIONS_MAX = 64
+CONNECTIONS_MAX = 64  # the oldest that has not said all gives way, so that a hand on STOP always gets in
+LENGTH = re.compile(r"[0-9]{1,9}")
 REASONS = {
     200: "OK",
     204: "No Content",
@@ -19,7 +21,6 @@ REASONS = {
     405: "Method Not Allowed",
     413: "Content Too Large",
     431: "Request Header Fields Too Large",
-    503: "Service Unavailable",
 }
 
 Stop = Callable[[str, str, str], Awaitable[str]]
@@ -46,7 +47,9 @@ class StopListener:
         self._state = state
         self._host = host
         self._server: asyncio.Server | None = None
-        self._open = 0
+        self.waiting: dict[
+            asyncio.StreamWriter, None
+        ] = {}  # connections whose request has not come whole, oldest first
 
     async def start(self, port: int) -> int:
         """Listen; the port that was taken (0 asks for a free one). Raises OSError."""
@@ -58,17 +61,22 @@ class StopListener:
         if self._server is not None:
             self._server.close()
             self._server = None
+        for writer in list(self.waiting):
+            writer.transport.abort()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._open += 1
+        self.waiting[writer] = None
+        if len(self.waiting) > CONNECTIONS_MAX:
+            oldest = next(iter(self.waiting))
+            del self.waiting[oldest]
+            oldest.transport.abort()
         origin = ""
         try:
-            if self._open > CONNECTIONS_MAX:
-                raise RequestError(503, "too many connections")
             async with asyncio.timeout(READ_TIMEOUT_S):
                 method, path, headers = await self._head(reader)
                 origin = self._origin(headers)
                 body = await self._body(reader, headers)
+            self.waiting.pop(writer, None)
             peer = writer.get_extra_info("peername")
             status, answer = await self._answer(method, path, body, f"stop listener {peer[0] if peer else ''}")
         except RequestError as error:
@@ -77,7 +85,7 @@ class StopListener:
             writer.close()
             return
         finally:
-            self._open -= 1
+            self.waiting.pop(writer, None)
         await self._send(writer, status, answer, origin)
 
     async def _head(self, reader: asyncio.StreamReader) -> tuple[str, str, dict[str, str]]:
@@ -90,11 +98,11 @@ class StopListener:
         if len(words) != 3 or not words[2].startswith("HTTP/1."):
             raise RequestError(400, "not HTTP/1.1")
         pairs = (line.partition(":") for line in rest if line)
-        return words[0], urlsplit(words[1]).path, {name.strip().lower(): value.strip() for name, _, value in pairs}
+        return words[0], words[1].partition("?")[0], {name.strip().lower(): value.strip() for name, _, value in pairs}
 
     async def _body(self, reader: asyncio.StreamReader, headers: dict[str, str]) -> bytes:
         length = headers.get("content-length", "0")
-        if not length.isdigit():
+        if not LENGTH.fullmatch(length):
             raise RequestError(400, "content-length is not a number")
         if int(length) > BODY_LIMIT:
             raise RequestError(413, "body too large")
@@ -103,7 +111,10 @@ class StopListener:
     def _origin(self, headers: dict[str, str]) -> str:
         """The origin to allow: any page of this host (the console is on another port of it)."""
         origin = headers.get("origin", "")
-        host = urlsplit(origin).hostname if origin else None
+        try:
+            host = urlsplit(origin).hostname if origin else None
+        except ValueError:
+            return ""
         own = {self._host, "localhost", "127.0.0.1", "::1", headers.get("host", "").rsplit(":", 1)[0]}
         return origin if host in own else ""
 
@@ -121,8 +132,8 @@ class StopListener:
         ident, because = "", "STOP pressed"
         try:
             given = json.loads(body) if body else {}
-            ident, because = str(given.get("id", ident))[:200], str(given.get("because", because))[:500]
-        except (ValueError, AttributeError):
+            ident, because = _plain(given.get("id", ident))[:200], _plain(given.get("because", because))[:500]
+        except (ValueError, AttributeError, RecursionError):
             because = "STOP pressed (the request's body could not be read)"
         return 200, {"state": await self._stop(ident, who, because)}
 
@@ -154,3 +165,8 @@ class StopListener:
             return
         finally:
             writer.close()
+
+
+def _plain(value: object) -> str:
+    """Text that can be written down: half a surrogate pair is replaced."""
+    return str(value).encode("utf-8", "replace").decode()

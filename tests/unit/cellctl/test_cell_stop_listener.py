@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from cellctl.cell.stop_listener import StopListener
+from cellctl.cell.stop_listener import CONNECTIONS_MAX, StopListener
 
 
 class Listening:
@@ -54,7 +54,7 @@ async def test_a_post_stops_and_answers_the_state(listening: Listening) -> None:
     assert listening.stops[0][0] == "s1" and listening.stops[0][2] == "smoke"
 
 
-@pytest.mark.parametrize("body", [b"", b"not json", b"[1]", b'{"id": null}'])
+@pytest.mark.parametrize("body", [b"", b"not json", b"[1]", b'{"id": null}', b"[" * 4000, b"\xff"])
 async def test_a_stop_with_an_unreadable_body_stops_all_the_same(listening: Listening, body: bytes) -> None:
     status, _, _ = await listening.ask(post(body))
     assert status == 200
@@ -88,3 +88,31 @@ async def test_what_is_no_stop_is_refused_and_stops_nothing(
 ) -> None:
     assert (await listening.ask(request_bytes))[0] == status
     assert listening.stops == []
+
+
+async def test_half_a_character_in_a_reason_can_still_be_written_down(listening: Listening) -> None:
+    status, _, _ = await listening.ask(post(b'{"id": "\\ud800", "because": "\\udfff!"}'))
+    assert status == 200
+    assert all(word.encode() for word in listening.stops[0])
+
+
+@pytest.mark.parametrize(
+    "head",
+    [b"Content-Length: \xb2", b"Content-Length: " + b"9" * 5000, b"Content-Length: -1", b"Origin: http://["],
+)
+async def test_a_malformed_header_is_answered_and_raises_nothing(
+    listening: Listening, head: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    status, _, _ = await listening.ask(b"POST /stop HTTP/1.1\r\nHost: x\r\n" + head + b"\r\n\r\n")
+    assert status in (200, 400, 413)
+    assert not caplog.records
+
+
+async def test_connections_that_say_nothing_never_keep_a_stop_out(listening: Listening) -> None:
+    idle = [await asyncio.open_connection("127.0.0.1", listening.port) for _ in range(CONNECTIONS_MAX + 10)]
+    status, _, _ = await listening.ask(post(b"{}"))
+    assert status == 200 and len(listening.stops) == 1
+    assert len(listening.listener.waiting) <= CONNECTIONS_MAX
+    assert await asyncio.wait_for(idle[0][0].read(), 5) == b"", "the oldest that says nothing gives way"
+    for _, writer in idle:
+        writer.close()
