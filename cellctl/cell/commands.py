@@ -141,13 +141,13 @@ class Commands:
         c.found.jobs.add(job)
         row = (job, name, directory, digest, c.times.unix(), len(program.lines), command.who, command.id)
         c.journal.write(RUN, row)
-        await c.journal.durable()
         try:
+            await c.journal.durable()
             self._check_start(stops)
             run = Run(job, name, program, c.cell, drivers, c.modes, c.hand)
             c.run, c.run_started_at, c.ended = run, c.times.wire.now(), None
             c.go(T.START, f"{name}: {command.because or 'started'}")
-        except (WrongStateError, DriverError, Refused):
+        except (WrongStateError, DriverError, Refused, StoreError):
             c.run = None
             c.journal.write(END, (c.times.unix(), "aborted", 0, job))
             raise

@@ -97,7 +97,7 @@ class Controller:
         drivers.feeder.safe()
 
     def _recover(self) -> None:
-        """Runs that no process ended become interrupted; faults that nobody reset stay latched."""
+        """Runs that no process ended become interrupted; faults and a stop that nobody reset stay latched."""
         for run in self.found.unfinished:
             text = f"{run.name}: interrupted after line {run.last_line} of {run.total_lines}; the cell process ended"
             self.journal.write(END, (self.times.unix(), "interrupted", run.last_line, run.job))
@@ -113,6 +113,8 @@ class Controller:
             self.fault("restarted", f"{run.name}, last executed line {run.last_line} of {run.total_lines}")
         for code, detail, remedy in self.found.alarms:
             self.fault(code, detail, remedy)
+        if self.found.is_stopped:
+            self.go(T.STOP, "stopped before the cell process ended")
         if self.found.unfinished:
             self.journal.commit()
 

@@ -91,6 +91,7 @@ class UnfinishedRun:
 class Found:
     """What the store held when it was opened.
 
+    is_stopped : whether a stop was latched and not reset since
     jobs : all that were ever started; replies : per command id the reply that it got; alarms : latched and not reset since, as (code, detail, remedy)
     """
 
@@ -98,6 +99,7 @@ class Found:
     replies: dict[str, dict[str, Any]] = field(default_factory=dict)
     jobs: set[str] = field(default_factory=set)
     alarms: list[tuple[str, str, str]] = field(default_factory=list)
+    is_stopped: bool = False
 
 
 @dataclass
@@ -158,6 +160,8 @@ class Journal:
         found.alarms = [
             (entry["code"], entry["detail"], entry["remedy"]) for entry in map(json.loads, (row[0] for row in rows))
         ]
+        last = self._db.execute("SELECT data FROM events WHERE kind = 'state' ORDER BY seq DESC LIMIT 1").fetchone()
+        found.is_stopped = last is not None and json.loads(last[0])["state"] == "STOPPED"
         return found
 
     def start(self) -> None:
@@ -167,7 +171,8 @@ class Journal:
 
     def event(self, event: Event) -> None:
         """Queue an event; its seq is given by the store at the commit."""
-        row = (event.at, event.kind, event.text, event.job, json.dumps(event.data))
+        text = event.text.encode("utf-8", "replace").decode()  # half a surrogate pair has no place in a store
+        row = (event.at, event.kind, text, event.job, json.dumps(event.data))
         with self._lock:
             self._pending.events.append((len(self._pending.statements), event))
             self._pending.statements.append((EVENT, row))
@@ -206,7 +211,7 @@ class Journal:
             return
         try:
             events = self._transact(batch)
-        except sqlite3.Error as error:
+        except (sqlite3.Error, ValueError, OverflowError) as error:
             refusal = StoreError(
                 f"{self.path}: the journal cannot be written: {error}",
                 "make room on the disk or free the store, then reset",
@@ -237,7 +242,7 @@ class Journal:
                         Event(int(cursor.lastrowid or 0), event.at, event.kind, event.text, event.job, event.data)
                     )
             self._db.execute("COMMIT")
-        except sqlite3.Error:
+        except (sqlite3.Error, ValueError, OverflowError):
             if self._db.in_transaction:
                 self._db.execute("ROLLBACK")
             raise

@@ -207,3 +207,31 @@ async def test_work_that_fails_in_an_unforeseen_way_is_latched_and_answered(cell
     drivers.laser.client._read_all = reads  # type: ignore[method-assign]
     await cell.forward(seconds=1.0)
     assert not drivers.laser.is_stale, "the line is polled again"
+
+
+async def test_a_stop_stays_latched_over_the_death_of_the_process(cell: CellUnderTest) -> None:
+    await cell.command("stop")
+    await cell.forward(ticks=20)
+    await cell.kill()
+    await cell.power_up(until_idle=False)
+    await cell.forward(seconds=3.0)
+    assert cell.state is State.STOPPED
+    await reset_to(cell, State.IDLE, State.UNHOMED)
+    await cell.kill()
+    await cell.power_up()
+    assert cell.state in (State.IDLE, State.UNHOMED)
+
+
+async def test_a_start_that_could_not_be_written_down_is_no_run_afterwards(cell: CellUnderTest) -> None:
+    cell.journal._db.execute("PRAGMA query_only = ON")
+    reply = await cell.start(one_wall(cell.facts))
+    assert not reply.ok and cell.controller.run is None
+    cell.journal._db.execute("PRAGMA query_only = OFF")
+    cell.journal.commit()
+    assert cell.journal.find().unfinished == []
+
+
+async def test_words_that_are_no_characters_do_not_stop_the_journal(cell: CellUnderTest) -> None:
+    assert (await cell.command("stop", because="\ud800 smoke")).ok
+    cell.journal.commit()
+    assert cell.has_event("command", "smoke")
