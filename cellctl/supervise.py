@@ -229,9 +229,7 @@ class Supervisor:
             adopted = cell_process_at(options.run / "cell.sock")
             port = free_port(host, cell.service.port if options.port is None else options.port)
             wanted = cell.service.stop_port if options.stop_port is None else options.stop_port
-            stop_port = (
-                int((options.run / "stop_port").read_text()) if adopted else free_port(cell.service.host, wanted)
-            )
+            stop_port = int((options.run / "stop_port").read_text()) if adopted else free_port(host, wanted)
             address = Address(host, port, stop_port)
             secret = first_token(options.store)
             cell_keeper, web_keeper = self._keepers(cell_file, address)
@@ -248,7 +246,12 @@ class Supervisor:
         web += [word for name, value in limits.items() for word in (f"--{name}-bytes", str(int(value)))]
         web += ["--host", address.host, "--port", str(address.port), "--parent", str(os.getpid())]
         return (
-            Keeper("cell", [*cell, "--stop-port", str(address.stop_port)], options.run / "cell.log", self._say),
+            Keeper(
+                "cell",
+                [*cell, "--stop-host", address.host, "--stop-port", str(address.stop_port)],
+                options.run / "cell.log",
+                self._say,
+            ),
             Keeper("web", [*web, "--stop-port", str(address.stop_port)], options.run / "web.log", self._say),
         )
 

@@ -42,7 +42,10 @@ class Person:
 def is_same_origin(connection: HTTPConnection) -> bool:
     """Whether a page of this service sent it: Origin, where there is one, names our own host."""
     origin = connection.headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == connection.headers.get("host", "")
+    try:
+        return origin is None or urlsplit(origin).netloc == connection.headers.get("host", "")
+    except ValueError:  # no address at all
+        return False
 
 
 def token_of(connection: HTTPConnection, service: Service) -> TokenRow | None:

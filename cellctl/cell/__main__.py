@@ -38,7 +38,7 @@ log = structlog.get_logger()
 class CellProcess:
     """Joins controller, wires, socket, stop listener and timer in one event loop."""
 
-    def __init__(self, cell: Cell, run_dir: Path, store: Path) -> None:
+    def __init__(self, cell: Cell, run_dir: Path, store: Path, stop_host: str = "") -> None:
         self.cell = cell
         self._run_dir = run_dir
         self._clock = SystemClock()
@@ -47,7 +47,9 @@ class CellProcess:
         self.commands = Commands(self.controller, read_off_loop)
         self._beat = Beat(cell.limits.tick_s)
         self._ipc = IpcServer(self.commands.handle, cell.name)
-        self._stop_listener = StopListener(self._stop, lambda: self.controller.state.value, cell.service.host)
+        self._stop_listener = StopListener(
+            self._stop, lambda: self.controller.state.value, stop_host or cell.service.host
+        )
         self._connection = Connection(self.controller, CellWires(cell, run_dir, self._clock), self._watch_cnc)
         self._watched: int | None = None
         self._due: asyncio.TimerHandle | None = None
@@ -147,8 +149,8 @@ def _on_loop(loop: asyncio.AbstractEventLoop, call: object) -> None:
         loop.call_soon_threadsafe(call)  # type: ignore[arg-type]
 
 
-async def _main(cell: Cell, run_dir: Path, store: Path, stop_port: int | None) -> None:
-    process = CellProcess(cell, run_dir, store)
+async def _main(cell: Cell, run_dir: Path, store: Path, stop_host: str, stop_port: int | None) -> None:
+    process = CellProcess(cell, run_dir, store, stop_host)
     loop = asyncio.get_running_loop()
     for sign in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(sign, process.ended.set)
@@ -161,6 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cell", required=True, help="cell file, or the name of a shipped one")
     parser.add_argument("--run", required=True, type=Path, help="run directory: sockets, and ports with relative paths")
     parser.add_argument("--store", required=True, type=Path, help="store file (SQLite)")
+    parser.add_argument("--stop-host", default="", help="where the stop listener is reached; else the cell file's host")
     parser.add_argument("--stop-port", type=int, default=None, help="port of the stop listener; 0: any free one")
     given = parser.parse_args(arguments)
     structlog.configure(
@@ -171,7 +174,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         given.run.mkdir(parents=True, exist_ok=True)
         given.store.parent.mkdir(parents=True, exist_ok=True)
-        asyncio.run(_main(load_cell(given.cell), given.run, given.store, given.stop_port))
+        asyncio.run(_main(load_cell(given.cell), given.run, given.store, given.stop_host, given.stop_port))
     except (ConfigError, StoreError, PlannerError) as error:
         print(f"{error.message}\n  {error.hint}", file=sys.stderr)
         return 2

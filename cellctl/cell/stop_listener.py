@@ -12,6 +12,8 @@ HEAD_LIMIT = 8192  # bytes of request line and headers
 BODY_LIMIT = 4096
 READ_TIMEOUT_S = 5.0
 CONNECTIONS_MAX = 64  # the oldest that has not said all gives way, so that a hand on STOP always gets in
+LOOPBACK = "127.0.0.1"  # the web process's own way
+LOCAL_TOO = frozenset({LOOPBACK, "localhost", "0.0.0.0", ""})  # hosts that this machine reaches at LOOPBACK anyway
 LENGTH = re.compile(r"[0-9]{1,9}")
 REASONS = {
     200: "OK",
@@ -46,21 +48,25 @@ class StopListener:
         self._stop = stop
         self._state = state
         self._host = host
-        self._server: asyncio.Server | None = None
+        self._servers: list[asyncio.Server] = []
         self.waiting: dict[
             asyncio.StreamWriter, None
         ] = {}  # connections whose request has not come whole, oldest first
 
     async def start(self, port: int) -> int:
-        """Listen; the port that was taken (0 asks for a free one). Raises OSError."""
-        self._server = await asyncio.start_server(self._serve, self._host, port, limit=HEAD_LIMIT)
-        return int(self._server.sockets[0].getsockname()[1])
+        """Listen at the host, and on this machine; the port that was taken (0 asks for a free one). Raises OSError."""
+        server = await asyncio.start_server(self._serve, self._host, port, limit=HEAD_LIMIT)
+        self._servers.append(server)
+        taken = int(server.sockets[0].getsockname()[1])
+        if self._host not in LOCAL_TOO:
+            self._servers.append(await asyncio.start_server(self._serve, LOOPBACK, taken, limit=HEAD_LIMIT))
+        return taken
 
     async def close(self) -> None:
         """Stop listening. Harmless twice."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
+        for server in self._servers:
+            server.close()
+        self._servers.clear()
         for writer in list(self.waiting):
             writer.transport.abort()
 

@@ -69,6 +69,12 @@ async def test_cookie_does_not_count_for_a_page_of_another_origin(web: Any) -> N
     is_problem(same, 503)  # let in; no cell process is there
 
 
+@pytest.mark.parametrize("origin", ["http://[", "null", "http://evil.example"])
+async def test_origin_that_is_not_ours_opens_no_session(web: Any, origin: str) -> None:
+    answer = await web.nobody.post("/api/v1/session", json={"token": "x"}, headers={"Origin": origin})
+    is_problem(answer, 403)
+
+
 async def test_wrong_token_opens_no_session(web: Any) -> None:
     answer = await web.nobody.post("/api/v1/session", json={"token": "cell_wrong"})
     is_problem(answer, 401)

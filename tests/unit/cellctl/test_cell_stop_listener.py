@@ -116,3 +116,12 @@ async def test_connections_that_say_nothing_never_keep_a_stop_out(listening: Lis
     assert await asyncio.wait_for(idle[0][0].read(), 5) == b"", "the oldest that says nothing gives way"
     for _, writer in idle:
         writer.close()
+
+
+async def test_a_listener_for_other_machines_is_reached_from_this_one_too() -> None:
+    one = Listening()
+    one.listener = StopListener(one.stop, lambda: one.state, "127.0.0.2")
+    one.port = await one.listener.start(0)
+    status, _, _ = await one.ask(post(b"{}"))
+    await one.listener.close()
+    assert status == 200 and len(one.stops) == 1
