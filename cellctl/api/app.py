@@ -24,6 +24,7 @@ from cellctl.planning.jobwork import JobWork
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
 from cellctl.store import open_store
+from cellctl.store.tokens import Role
 from config import load_cell
 
 DESCRIPTION = """Parts go in, plans are made and proved, a person approves, the cell builds.
@@ -86,7 +87,11 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     for module in (sign_in, parts, jobs, results, cell, facts, tokens, health, live):
         app.include_router(module.router)
     app.include_router(page.router)
-    app.add_middleware(BodyLimit, upload_limit_bytes=service.settings.upload_limit_bytes)
+    app.add_middleware(
+        BodyLimit,
+        upload_limit_bytes=service.settings.upload_limit_bytes,
+        may_upload=lambda connection: sign_in.is_let_in(connection, service, Role.OPERATOR),
+    )
     app.add_middleware(Measure, metrics=service.metrics)
     app.add_middleware(Guard, bound_host=bound_host, stop_port=service.stop_port, script_hashes=page.script_hashes)
     _complete_openapi(app)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 from collections.abc import Callable
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cellctl.api.problems import Problem, response
@@ -126,18 +128,25 @@ class Guard:
 
 
 class BodyLimit:
-    """ASGI middleware: a body above its limit is answered 413, whatever its headers say."""
+    """ASGI middleware: a body above its limit is answered 413, whatever its headers say.
 
-    def __init__(self, app: ASGIApp, upload_limit_bytes: int) -> None:
+    may_upload : whether who asks may send a part; others get no more room than for any request, as bodies are kept on the disk
+    before a route looks at the sign-in
+    """
+
+    def __init__(self, app: ASGIApp, upload_limit_bytes: int, may_upload: Callable[[HTTPConnection], bool]) -> None:
         self.app = app
         self.upload_limit_bytes = upload_limit_bytes
+        self.may_upload = may_upload
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Count what comes in."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        is_upload = scope["path"].rstrip("/") == UPLOAD_PATH
+        is_upload = scope["path"].rstrip("/") == UPLOAD_PATH and scope["method"] == "POST"
+        if is_upload:
+            is_upload = await asyncio.to_thread(self.may_upload, HTTPConnection(scope))
         limit = self.upload_limit_bytes + 64 * 1024 if is_upload else JSON_LIMIT_BYTES
         detail = (
             f"the request has more than {limit / 1e6:.0f} MB"

@@ -72,6 +72,12 @@ def person_of(connection: HTTPConnection, service: Service) -> Person | None:
     return Person(token.name, token.role, connection.client.host if connection.client else "")
 
 
+def is_let_in(connection: HTTPConnection, service: Service, role: Role) -> bool:
+    """Whether somebody with this role, or one above it, asks."""
+    person = person_of(connection, service)
+    return person is not None and person.role.includes(role)
+
+
 def needs(role: Role) -> Callable[..., Person]:
     """A dependency that lets in this role and those above it. Raises ApiError 401 or 403."""
 

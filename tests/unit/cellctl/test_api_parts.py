@@ -82,6 +82,14 @@ async def test_file_above_the_limit_is_refused_whether_its_size_is_told_or_not(w
     refused(await web.operator.post("/api/v1/parts", content=chunks(), headers=headers), 413)
 
 
+async def test_who_may_not_upload_gets_no_room_on_the_disk(web: Any) -> None:
+    body = b"\0" * 1_500_000
+    refused(await upload(web.nobody, body), 413)
+    refused(await upload(web.viewer, body), 413)
+    refused(await upload(web.nobody, b"solid a"), 401)
+    refused(await upload(web.operator, body), 422)
+
+
 @pytest.mark.parametrize(
     ("filename", "stem"),
     [
