@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from shapely import MultiPolygon
 
 from planner.nurbs.curve import Curve
 from planner.nurbs.fit import interpolate
@@ -63,19 +66,58 @@ def steepest_lean(wall: Wall) -> float:
     return float((np.hypot(ruling[:, 0], ruling[:, 1]) / ruling[:, 2]).max())
 
 
-def goes_on_below(wall: Wall, depth_mm: float, below: LayerRegion) -> bool:
-    """Whether the rulings, drawn on under the wall's bottom, stay out of the layer below.
+def leans_inward(wall: Wall) -> bool:
+    """Whether the wall comes nearer to the part's inside towards its top: metal laid above it can run down on it."""
+    u = np.linspace(0.0, 1.0, 50)
+    low, along, high = wall.bottom.evaluate(u), wall.bottom.derivatives(u, 1)[1], wall.top.evaluate(u)
+    outward = np.column_stack([along[:, 1], -along[:, 0]])
+    return bool(((high - low)[:, :2] * outward).sum() < 0.0)
 
-    depth_mm : how far, along the build direction; the layer's middle section tells for all of it.
+
+def goes_on_below(wall: Wall, depth_mm: float, below: Sequence[LayerRegion]) -> bool:
+    """Whether the rulings, drawn on under the wall's bottom, stay out of all layers that lie within a depth.
+
+    depth_mm : how far, along the build direction   below : all layers under the wall, from the lowest.
+    The sections of every layer down to the depth are looked at; half a layer tells for less.
     """
     u = np.linspace(0.0, 1.0, max(50, int(wall.bottom.length / _STEP_MM)))
     low = wall.bottom.evaluate(u)
-    ruling = wall.top.evaluate(u) - low
-    down = 0.5 * below.height_mm
-    points = (low - (down / ruling[:, 2])[:, None] * ruling)[:, :2]
-    inside = shapely.contains_xy(below.areas[1], points[:, 0], points[:, 1])
-    deep = shapely.distance(shapely.points(points[inside]), below.areas[1].boundary) if inside.any() else np.zeros(1)
-    return bool(np.all(deep * max(depth_mm / down, 1.0) <= _FOLLOWS_MM))
+    slope = (wall.top.evaluate(u) - low)[:, :2] / (wall.top.evaluate(u) - low)[:, 2:]
+    start = below[-1].z_top
+    for layer in reversed(below):
+        for height, section in ((0.5 * (layer.z_bottom + layer.z_top), 1), (layer.z_bottom, 0)):
+            down = start - height
+            if section == 0 and down > depth_mm + 1e-9:
+                continue
+            points = low[:, :2] - down * slope
+            if _deepest(points, layer.areas[section]) * max(1.0, min(depth_mm, layer.height_mm) / down) > _FOLLOWS_MM:
+                return False
+        if start - layer.z_bottom >= depth_mm:
+            break
+    return True
+
+
+def _deepest(points: Floats, area: MultiPolygon) -> float:
+    """How deep points lie inside a region at most, mm.  points : (n, 2) float, mm"""
+    inside = shapely.contains_xy(area, points[:, 0], points[:, 1])
+    if not inside.any():
+        return 0.0
+    return float(shapely.distance(shapely.points(points[inside]), area.boundary).max())
+
+
+def ends_clear(motions: list[Motion], depth_mm: float, below: Sequence[LayerRegion], radius_mm: float) -> bool:
+    """Whether the cutter's end, let down by a depth under a wall that leans inward, meets no other part of the layers there."""
+    start = below[-1].z_top
+    heights = [(layer.z_top, layer.areas[2]) for layer in below] + [(layer.z_bottom, layer.areas[0]) for layer in below]
+    near = [area for height, area in heights if height >= start - depth_mm]
+    for motion in motions:
+        u = motion.tip.sample(0.01)
+        flattest = min(float(motion.axis_at(value)[2]) for value in u[:: max(1, len(u) // 50)])
+        line = shapely.LineString(motion.tip.evaluate(u)[:, :2])
+        reached = radius_mm * flattest - _FOLLOWS_MM
+        if any(shapely.dwithin(line, area, reached) for area in near):
+            return False
+    return True
 
 
 def _largest_turn(axis: Floats) -> float:

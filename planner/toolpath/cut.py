@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import shapely
 from shapely import MultiPolygon
 
 from planner.nurbs.offset import outset
-from planner.plan import Operation, Pass, Process
+from planner.plan import Operation, Pass, Process, Wall
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion
-from planner.toolpath.axis import goes_on_below, ruled_motions, steepest_lean
+from planner.toolpath.axis import ends_clear, goes_on_below, leans_inward, ruled_motions, steepest_lean
 from planner.toolpath.bands import Band
 from planner.toolpath.face import face_passes
+from planner.toolpath.motion import Motion
 from planner.toolpath.side import begun_on_flat, places, side_pass, swept_by, unreached, upright_passes
 
 BULGE = 0.04
@@ -37,15 +39,16 @@ def face_operation(
 
 
 def side_operation(
-    band: Band, below: LayerRegion | None, excess_mm: float, settings: Settings
+    band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
 ) -> tuple[Operation | None, list[Left]]:
     """Milling of a band's walls, and what it leaves.
 
-    below : the finished layer under the band, None for the substrate   excess_mm : metal outside the walls.
+    below : the finished layers under the band, from the lowest   excess_mm : metal outside the walls
+    run_down_mm : how far its metal may have run down on a wall that leans inward.
     """
     left = _left_by_the_cutter(band, settings)
     note: str = band.kind
-    passes = _ruled_passes(band, below, excess_mm, settings) if band.kind == "ruled" else []
+    passes = _ruled_passes(band, below, excess_mm, run_down_mm, settings) if band.kind == "ruled" else []
     if not passes:
         note = "upright" if band.kind == "upright" else "stepped"
         passes = upright_passes(band.region, band.z_bottom, excess_mm, settings)
@@ -67,28 +70,27 @@ def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings
     )
 
 
-def _may_reach_under(band: Band, below: LayerRegion | None, passes: list[Pass], settings: Settings) -> bool:
+def _may_reach_under(band: Band, below: Sequence[LayerRegion], passes: list[Pass], settings: Settings) -> bool:
     """Whether the cutter's end, let down a little, would meet nothing that must stand."""
-    if below is None or not band.continues or not passes:
+    if not below or not band.continues or not passes:
         return False
-    touched = shapely.intersection(swept_by(passes, settings.cutter_radius_mm - 0.02), below.areas[2])
-    return bool(touched.area < 1e-3)
+    swept = swept_by(passes, settings.cutter_radius_mm - 0.02)
+    near = [layer.areas[2] for layer in below if layer.z_top > band.z_bottom - OVERLAP_MM]
+    return all(shapely.intersection(swept, area).area < 1e-3 for area in near)
 
 
-def _ruled_passes(band: Band, below: LayerRegion | None, excess_mm: float, settings: Settings) -> list[Pass]:
+def _ruled_passes(
+    band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
+) -> list[Pass]:
     """Passes round all walls of a ruled band, wall by wall; none if the flank cannot follow one of them.
 
     The end of a leaning cutter rises away from the wall and leaves a wedge at the foot of what stands outside. Where the
-    same wall goes on below, the cutter reaches under the wedge; else an upright pass clears it.
+    same wall goes on below, the cutter reaches under the wedge, and as far as metal may have run down on it; else an
+    upright pass clears it.
     """
     passes = []
     for wall in band.walls:
-        reach = 0.0
-        floor: float | None = 0.0 if band.first == 0 else band.z_bottom
-        wedge = OVERLAP_MM + excess_mm * steepest_lean(wall)
-        if below is not None and band.continues and goes_on_below(wall, wedge, below):
-            reach, floor = wedge, None
-        motions = ruled_motions(wall, excess_mm, reach, floor, settings)
+        motions = _wall_motions(wall, band, below, excess_mm, run_down_mm, settings)
         if not motions:
             return []
         keep_out = outset(band.region, settings.cutter_radius_mm - 0.5)
@@ -96,6 +98,22 @@ def _ruled_passes(band: Band, below: LayerRegion | None, excess_mm: float, setti
     if band.first == 0 or not band.continues:
         passes = [*upright_passes(band.region, band.z_bottom, excess_mm, settings), *passes]
     return passes
+
+
+def _wall_motions(
+    wall: Wall, band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
+) -> list[Motion]:
+    """The motions along one wall, as deep under its bottom as they may go."""
+    wedge = OVERLAP_MM + excess_mm * steepest_lean(wall)
+    if below and band.continues:
+        deep = min(wedge + run_down_mm, band.z_bottom)
+        if leans_inward(wall) and goes_on_below(wall, deep, below):
+            motions = ruled_motions(wall, excess_mm, deep, 0.0, settings)
+            if motions and ends_clear(motions, deep, below, settings.cutter_radius_mm):
+                return motions
+        if goes_on_below(wall, wedge, below):
+            return ruled_motions(wall, excess_mm, wedge, None, settings)
+    return ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings)
 
 
 @dataclass(frozen=True)

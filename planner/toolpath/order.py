@@ -18,6 +18,8 @@ from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, drop
 from planner.toolpath.fill import infill_region
 from planner.toolpath.links import Pose, linked
 
+RUNS_DOWN = 1.5
+"""Of a track's height: how far below the surface that it is laid on it may wet a leaning wall."""
 _HIGHER = 1e-3  # relative: a bead this much above what was asked is no rounding
 
 
@@ -72,9 +74,9 @@ class Sequence:
             self.add(operation, layer.index)
         self.metal_top, self.above_mm, self.unfaced = layer.z_top, 0.0, 0
 
-    def mill(self, band: Band, below: LayerRegion | None, excess_mm: float) -> None:
+    def mill(self, band: Band, below: list[LayerRegion], excess_mm: float, run_down_mm: float) -> None:
         """The milling of a band's walls."""
-        operation, left = side_operation(band, below, excess_mm, self.settings)
+        operation, left = side_operation(band, below, excess_mm, run_down_mm, self.settings)
         self.left.extend(left)
         if operation is not None:
             self.add(operation, band.last)
@@ -103,8 +105,8 @@ def build_up(
             if band is not None or _is_face_due(sequence, layer, bead, layer.index == len(layers) - 1):
                 sequence.face(layer, outset(grown_region(layer, bead, settings), BULGE * bead.width_mm, 0.01))
             if band is not None:
-                below = layers[band.first - 1] if band.first else None
-                sequence.mill(band, below, _excess_mm(band, layers, beads, settings))
+                run_down = RUNS_DOWN * beads[band.first].crest_mm
+                sequence.mill(band, layers[: band.first], _excess_mm(band, layers, beads, settings), run_down)
         progress((layer.index + 1) / len(layers))
     if not sequence.operations:
         raise PlanningError(

@@ -15,11 +15,12 @@ from cellctl.planning import stages
 from cellctl.planning.task import Task
 from config import load_cell, load_material
 from planner.mesh import load
+from planner.mesh.mesh import Mesh
 from planner.plan import Process
 from planner.recipe import Recipe
 from sim import prove
 from sim.dryrun import DryRun
-from tests.unit.planner.small_parts import box, points_of
+from tests.unit.planner.small_parts import box, frustum, points_of
 
 CELL = load_cell("trunnion_tcp")
 CELL_MM = 0.3
@@ -108,3 +109,28 @@ def test_finished_top_of_a_small_block_has_no_pits_between_hatch_and_contour() -
     across, along = np.meshgrid(np.linspace(-5.5, 5.5, 45), np.linspace(-3.5, 3.5, 29))
     top = np.column_stack([across.ravel(), along.ravel(), np.full(across.size, 3.0)])
     assert run.stock.distance(top).max() < 0.15  # a pit of this depth stood at every end of a hatch line
+
+
+def test_metal_that_ran_down_a_milled_leaning_wall_is_taken_off_with_the_next_band() -> None:
+    cone = frustum(12.0, 10.0, 4.0, sections=180)
+    program = planner.post(planner.plan(cone, Recipe(tolerance_mm=0.2, layer_height_mm=0.8)), CELL)
+    proof = prove(program, CELL, cone)
+    assert proof.passed, proof.reasons
+    assert proof.deviation.p99_mm < 0.1 and proof.deviation.max_excess_mm < 0.1
+
+
+def test_cutter_that_reaches_under_a_leaning_band_spares_the_ledge_below_it() -> None:
+    ledge = trimesh.creation.cylinder(17.0, 0.8, sections=90)
+    cone = frustum(12.0, 10.0, 4.0, sections=90).to_trimesh()
+    ledge.apply_translation([0.0, 0.0, 0.4])
+    cone.apply_translation([0.0, 0.0, 0.8])
+    body = Mesh.from_trimesh(trimesh.boolean.union([ledge, cone]))
+    program = planner.post(planner.plan(body, Recipe(tolerance_mm=0.2, layer_height_mm=0.8)), CELL)
+    run = DryRun(program, CELL, body, load_material("316L"), None, None)
+    run.execute()
+    proof = run.conclude()
+    assert proof.passed, proof.reasons
+    angle = np.linspace(0.0, 2.0 * np.pi, 90)
+    for radius in (12.6, 14.0, 16.0):
+        on_ledge = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(90, 0.8)])
+        assert run.stock.distance(on_ledge).max() < 0.15
