@@ -9,9 +9,10 @@ import pytest
 
 from cellctl.domain.messages import Command
 from cellctl.domain.states import State
-from planner.program import Program
-from tests.cell.harness import CellUnderTest
-from tests.cell.jobs import one_wall
+from config.cell import Cell
+from planner.program import Channel, LineKind, Program
+from tests.cell.harness import CellUnderTest, shipped_cell
+from tests.cell.jobs import POWDER_G_MIN, POWER_W, Writer, one_wall
 
 
 async def reset_to(cell: CellUnderTest, *states: State) -> None:
@@ -235,3 +236,37 @@ async def test_words_that_are_no_characters_do_not_stop_the_journal(cell: CellUn
     assert (await cell.command("stop", because="\ud800 smoke")).ok
     cell.journal.commit()
     assert cell.has_event("command", "smoke")
+
+
+def dwell_before_the_pass(cell: Cell) -> Program:
+    """One bead that begins right behind a dwell, gated by the schedule."""
+    w = Writer(cell)
+    w.line("G21 G90 G17 G49 G54 G93", LineKind.SETUP)
+    w.line("M6 T1", LineKind.TOOL)
+    w.layer = w.operation = 0
+    n = w.move(-25.0, 0.0, 20.0, LineKind.LINK, 190.0)
+    w.at(n, Channel.MODE, 1, barrier=True)
+    w.at(n, Channel.CARRIER_GAS_L_MIN, 5.0, barrier=True)
+    n = w.move(-25.0, 0.0, 0.0, LineKind.LINK, 40.0)
+    w.at(n, Channel.POWDER_G_MIN, POWDER_G_MIN, barrier=True)
+    w.at(w.move(-20.0, 0.0, 0.0, LineKind.LINK, 10.0), Channel.LASER_W, POWER_W)
+    w.line("G4 P2", LineKind.DWELL, 2.0)
+    for k in range(10):
+        n = w.move(-16.0 + 4.0 * k, 0.0, 0.0, LineKind.PROCESS, 10.0)
+        if k == 0:
+            w.at(n, Channel.EMISSION, 1)
+    w.at(w.move(25.0, 0.0, 0.0, LineKind.LINK, 10.0), Channel.EMISSION, 0)
+    w.at(w.line("M2", LineKind.SETUP), Channel.MODE, 0, barrier=True)
+    return w.program("dwell", [2])
+
+
+async def test_a_cell_without_wired_gate_lights_nothing_at_the_end_of_a_dwell(tmp_path: Path) -> None:
+    async with CellUnderTest(tmp_path / "store.db", cell=shipped_cell("trunnion_rtu")) as cell:
+        assert (await cell.start(dwell_before_the_pass(cell.facts))).ok
+        await cell.forward(until=lambda: cell.snapshot.lines.executed >= 5, seconds=60)
+        await cell.forward(ticks=60)
+        cell.time_scale = cell.sim.time_scale = 0.8  # a dwell that takes longer than it says
+        await cell.forward(until=cell.is_state(State.IDLE, State.FAULT), seconds=60)
+        assert cell.outcome == "completed"
+        assert cell.burnt_lines
+        assert cell.max_standstill_emission_w == 0.0
