@@ -63,7 +63,9 @@ def cell_with(tmp_path: Path, *path: str | int, value: object) -> Path:
         (("chord_tolerance_mm",), float("nan"), "chord_tolerance_mm"),
     ],
 )
-def test_a_wrong_cell_file_is_refused_with_one_line_that_names_the_field(tmp_path: Path, path: tuple[str | int, ...], value: object, said: str) -> None:
+def test_a_wrong_cell_file_is_refused_with_one_line_that_names_the_field(
+    tmp_path: Path, path: tuple[str | int, ...], value: object, said: str
+) -> None:
     file = cell_with(tmp_path, *path, value=value)
     with pytest.raises(config.ConfigError) as refused:
         config.load_cell(file)
