@@ -67,6 +67,8 @@ class CellLink:
             except (OSError, asyncio.IncompleteReadError, FrameError, TimeoutError) as error:
                 if not isinstance(error, FileNotFoundError | ConnectionRefusedError):
                     log.warning("cell process gone", error=str(error))
+            except Exception:
+                log.exception("link to the cell process")
             await asyncio.sleep(RECONNECT_S)
 
     async def _converse(self) -> None:
