@@ -27,6 +27,7 @@ _GOUGE_MM = 5e-3  # how far the flank may cut into the wall elsewhere: points of
 _FOLLOWS_MM = 0.02  # how far rulings drawn on may cut into the wall below: a fifth of the usual tolerance
 _FEWEST = 8  # poses that still make a path round a wall
 _JUMP_RAD = np.radians(20.0)  # between neighbouring poses: more is no ruling that changes, but another wall
+_CORNER = np.cos(np.radians(1.0))  # directions of a wall that turn more at one place make a corner
 _TURN = np.cos(np.radians(25.0))  # tip paths that turn more from point to point have a corner there
 
 
@@ -40,8 +41,8 @@ def ruled_motions(wall: Wall, excess_mm: float, below_mm: float, floor_z: float 
     have to jump.
     """
     count = max(24, int(np.ceil(max(wall.bottom.length, wall.top.length) / _STEP_MM)))
-    u = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), wall.bottom.breaks]))[:-1]
-    low, along, high = wall.bottom.evaluate(u), wall.bottom.derivatives(u, 1)[1], wall.top.evaluate(u)
+    u, along = _places(wall, count)
+    low, high = wall.bottom.evaluate(u), wall.top.evaluate(u)
     axis = (high - low) / np.linalg.norm(high - low, axis=1)[:, None]
     normal = np.cross(along, axis)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -118,6 +119,21 @@ def ends_clear(motions: list[Motion], depth_mm: float, below: Sequence[LayerRegi
         if any(shapely.dwithin(line, area, reached) for area in near):
             return False
     return True
+
+
+def _places(wall: Wall, count: int) -> tuple[Floats, Floats]:
+    """Parameters round a wall, (n,), and the bottom's direction there, (n, 3): a corner twice, as it is met and as it is left."""
+    breaks = wall.bottom.breaks
+    u = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), breaks]))[:-1]
+    ahead = wall.bottom.derivatives(u, 1)[1]
+    met = np.append(breaks[1:-1], 1.0)
+    left = np.append(breaks[1:-1], 0.0)
+    before = wall.bottom.derivatives(met, 1, "left")[1]
+    after = wall.bottom.derivatives(left, 1)[1]
+    cosine = (before * after).sum(axis=1) / (np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1))
+    is_corner = cosine < _CORNER
+    at = np.searchsorted(u, left[is_corner])
+    return np.insert(u, at, left[is_corner]), np.insert(ahead, at, before[is_corner], axis=0)
 
 
 def _largest_turn(axis: Floats) -> float:

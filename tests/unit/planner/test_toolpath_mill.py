@@ -188,3 +188,30 @@ def test_stock_that_does_not_hold_the_part_or_is_absent_is_refused(tmp_path) -> 
         plan(box(20.0, 14.0, 5.0), Recipe(process="mill", stock=str(small)))
     with pytest.raises(RecipeError, match="absent"):
         plan(box(20.0, 14.0, 5.0), Recipe(process="mill", stock=str(tmp_path / "absent.stl")))
+
+
+def test_flank_rolls_round_the_corners_of_a_drafted_block_without_cutting_them() -> None:
+    body = trimesh.creation.box((20.0, 16.0, 4.0))
+    vertices = np.add(body.vertices, (0.0, 0.0, 2.0))
+    vertices[:, :2] *= np.where(vertices[:, 2:] > 2.0, 0.75, 1.0)
+    made = plan(Mesh(np.asarray(vertices), np.asarray(body.faces)), QUICK)
+    leaning = [
+        step
+        for operation in made.operations
+        if operation.process is Process.MILL_SIDE and operation.note == "ruled"
+        for step in operation.passes
+        if not step.is_link and not isinstance(step.axis, np.ndarray)
+    ]
+    assert leaning
+    foot = np.array([[x, y, 0.0] for x in (-10.0, 10.0) for y in (-8.0, 8.0)])
+    peak = foot * [0.75, 0.75, 1.0] + [0.0, 0.0, 4.0]
+    share = np.linspace(0.0, 1.0, 9)[:, None, None]
+    ridges = (foot + share * (peak - foot)).reshape(-1, 3)
+    for step in leaning:
+        u = step.tip.sample(0.005)
+        tips, axes = step.tip.evaluate(u), step.axis.evaluate(u)
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        away = ridges[None] - tips[:, None]
+        along = np.einsum("nrk,nk->nr", away, axes)
+        across = np.linalg.norm(away - along[..., None] * axes[:, None], axis=2)
+        assert across[along > 0.0].min() > RADIUS - 0.05
