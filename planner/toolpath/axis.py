@@ -31,14 +31,16 @@ _CORNER = np.cos(np.radians(1.0))  # directions of a wall that turn more at one 
 _TURN = np.cos(np.radians(25.0))  # tip paths that turn more from point to point have a corner there
 
 
-def ruled_motions(wall: Wall, excess_mm: float, below_mm: float, floor_z: float | None, settings: Settings) -> list[Motion]:
+def ruled_motions(
+    wall: Wall, excess_mm: float, below_mm: float, floor_z: float | None, settings: Settings, others: Sequence[Wall] = ()
+) -> list[Motion]:
     """Closed tip curves with their axes along one ruled wall, outside in, the part on the right (climb milling).
 
     wall : bottom and top with the part on their left   below_mm : how far the flank reaches under the bottom
-    floor_z : the cutter's end stays above it; None: free below.
+    floor_z : the cutter's end stays above it; None: free below   others : walls that it must not cut either.
     Tip = bottom point + (radius + what is left) x normal, axis = ruling: the flank touches the whole ruling. Points at
-    which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left or the axis would
-    have to jump.
+    which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left, if the axis
+    would have to jump, or if the way past what is left out would cut a wall.
     """
     count = max(24, int(np.ceil(max(wall.bottom.length, wall.top.length) / _STEP_MM)))
     u, along = _places(wall, count)
@@ -48,14 +50,17 @@ def ruled_motions(wall: Wall, excess_mm: float, below_mm: float, floor_z: float 
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     low, axis, normal = _with_corner_turns(low, axis, normal)
     radius = settings.cutter_radius_mm
+    stands = np.vstack([low, high, *(_ends_of(other) for other in others)])
     motions = []
     for leave in wall_offsets(excess_mm, settings.material.milling.radial_depth_mm):
         tip = low + (radius + leave) * normal - (below_mm / axis[:, 2])[:, None] * axis
         if floor_z is not None:
             dip = radius * np.hypot(axis[:, 0], axis[:, 1])
             tip = tip + (np.maximum(floor_z - (tip[:, 2] - dip), 0.0) / axis[:, 2])[:, None] * axis
-        free = _is_free(tip, axis, np.vstack([low, high]), radius + leave)
-        if free.sum() >= _FEWEST and _largest_turn(axis[free]) <= _JUMP_RAD:
+        free = _is_free(tip, axis, stands, radius + leave)
+        if free.sum() < _FEWEST or not _bridges_free(tip, axis, free, stands, radius):
+            continue
+        if _largest_turn(axis[free]) <= _JUMP_RAD:
             motions.append(_closed(tip[free][::-1], axis[free][::-1]))
     return motions
 
@@ -178,6 +183,27 @@ def _is_free(tip: Floats, axis: Floats, wall: Floats, radius_mm: float) -> NDArr
         across2 = (away**2).sum(axis=1) - along**2
         free[k] = not np.any((across2 < (radius_mm - _GOUGE_MM) ** 2) & (along > -_GOUGE_MM))
     return free
+
+
+def _ends_of(wall: Wall) -> Floats:
+    """(n, 3) float, mm   Points of a wall's bottom and top."""
+    u = np.linspace(0.0, 1.0, max(24, int(np.ceil(wall.bottom.length / _STEP_MM))), endpoint=False)
+    return np.vstack([wall.bottom.evaluate(u), wall.top.evaluate(u)])
+
+
+def _bridges_free(tip: Floats, axis: Floats, free: NDArray[np.bool_], wall: Floats, radius_mm: float) -> bool:
+    """Whether the cutter cuts no wall on the straight ways between poses that are left where others are left out."""
+    kept = np.flatnonzero(free)
+    following = np.roll(kept, -1)
+    gaps = (following - kept) % len(tip) > 1
+    share = np.linspace(0.1, 0.9, 9)[:, None, None]
+    first, last = kept[gaps], following[gaps]
+    tips = (tip[first] + share * (tip[last] - tip[first])).reshape(-1, 3)
+    axes = (axis[first] + share * (axis[last] - axis[first])).reshape(-1, 3)
+    if not len(tips):
+        return True
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    return bool(_is_free(tips, axes, wall, radius_mm - _FOLLOWS_MM).all())
 
 
 def _closed(tips: Floats, axes: Floats) -> Motion:

@@ -104,16 +104,17 @@ def _wall_motions(
     wall: Wall, band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
 ) -> list[Motion]:
     """The motions along one wall, as deep under its bottom as they may go."""
+    others = [other for other in band.walls if other is not wall]
     wedge = OVERLAP_MM + excess_mm * steepest_lean(wall)
     if below and band.continues:
         deep = min(wedge + run_down_mm, band.z_bottom)
         if leans_inward(wall) and goes_on_below(wall, deep, below):
-            motions = ruled_motions(wall, excess_mm, deep, 0.0, settings)
+            motions = ruled_motions(wall, excess_mm, deep, 0.0, settings, others)
             if motions and ends_clear(motions, deep, below, settings.cutter_radius_mm):
                 return motions
         if goes_on_below(wall, wedge, below):
-            return ruled_motions(wall, excess_mm, wedge, None, settings)
-    return ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings)
+            return ruled_motions(wall, excess_mm, wedge, None, settings, others)
+    return ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings, others)
 
 
 @dataclass(frozen=True)
