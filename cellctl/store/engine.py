@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,31 @@ class StoreError(Exception):
         self.hint = hint
 
 
+class InUse:
+    """Counts open transactions, so that a store is closed behind the last one: threads outlive the tasks that wait for them."""
+
+    def __init__(self) -> None:
+        self._free = threading.Condition()
+        self._count = 0
+
+    @contextmanager
+    def one(self) -> Iterator[None]:
+        """One more for the time of the block."""
+        with self._free:
+            self._count += 1
+        try:
+            yield
+        finally:
+            with self._free:
+                self._count -= 1
+                self._free.notify_all()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Block until none is open; False if that takes longer than timeout_s."""
+        with self._free:
+            return self._free.wait_for(lambda: self._count == 0, timeout_s)
+
+
 @dataclass(frozen=True)
 class Store:
     """An open store: rows in `engine`, files in `blobs`. `clock` gives Unix seconds."""
@@ -36,21 +62,24 @@ class Store:
     engine: Engine
     blobs: Blobs
     clock: Callable[[], float] = time.time
+    in_use: InUse = field(default_factory=InUse)
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """A transaction that sees one state of the store and changes nothing."""
-        with self.engine.connect() as connection, connection.begin():
+        with self.in_use.one(), self.engine.connect() as connection, connection.begin():
             yield connection
 
     @contextmanager
     def write(self) -> Iterator[Connection]:
         """A transaction that holds the write lock from its start; durable (fsync) when the block is left."""
-        with self.engine.connect().execution_options(cellctl_write=True) as connection, connection.begin():
+        connect = self.engine.connect
+        with self.in_use.one(), connect().execution_options(cellctl_write=True) as connection, connection.begin():
             yield connection
 
     def close(self) -> None:
-        """Give back every connection."""
+        """Give back every connection, once the transactions that are under way have ended."""
+        self.in_use.wait(BUSY_TIMEOUT_MS / 1000)
         self.engine.dispose()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from tests.cell.jobs import one_wall
 
 
 def rows(store: Path, query: str) -> list[tuple[object, ...]]:
-    with sqlite3.connect(store) as db:
+    with closing(sqlite3.connect(store)) as db, db:
         return db.execute(query).fetchall()
 
 

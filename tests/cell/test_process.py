@@ -9,7 +9,7 @@ import signal
 import sqlite3
 import sys
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +160,7 @@ async def test_killed_with_9_in_a_pass_the_plant_goes_dark_and_the_job_is_listed
         await console.until(
             lambda s: s.state == "STOPPED" and s.because == "STOP pressed (the request's body could not be read)"
         )
-    with sqlite3.connect(bench.run / "s.db") as db:
+    with closing(sqlite3.connect(bench.run / "s.db")) as db, db:
         assert db.execute("SELECT outcome, last_line FROM cell_runs").fetchall() == [
             ("interrupted", after.lines.executed)
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 
 from cellctl.domain.states import State
 from tests.cell.harness import CellUnderTest
@@ -32,7 +33,7 @@ async def test_lines_that_are_acknowledged_but_held_are_not_counted(cell: CellUn
     assert lines.executed == cell.sim.cnc.machine.motion.line - 1
     assert cell.snapshot.job is not None
     assert cell.snapshot.job.progress == lines.executed / lines.total
-    with sqlite3.connect(cell.store) as db:
+    with closing(sqlite3.connect(cell.store)) as db, db:
         assert db.execute("SELECT last_line FROM cell_runs").fetchone() == (lines.executed,)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ async def test_durable_returns_when_another_connection_can_read_what_was_queued(
     journal.event(event("one"))
     journal.event(event("two"))
     await journal.durable()
-    with sqlite3.connect(tmp_path / "s.db") as db:
+    with closing(sqlite3.connect(tmp_path / "s.db")) as db, db:
         assert db.execute("SELECT seq, text FROM events").fetchall() == [(1, "one"), (2, "two")]
     journal.close()
     assert [(e.seq, e.text) for e in seen] == [(1, "one"), (2, "two")]
@@ -40,7 +41,7 @@ async def test_rows_come_to_the_disk_in_groups_without_anybody_waiting(tmp_path:
     while journal.commits == 0 and time.monotonic() < deadline:
         await journal.durable()
     journal.close()
-    with sqlite3.connect(tmp_path / "s.db") as db:
+    with closing(sqlite3.connect(tmp_path / "s.db")) as db, db:
         assert db.execute("SELECT count(*), max(tip_z) FROM journal").fetchone() == (500, 3.0)
     assert journal.commits <= 5
 

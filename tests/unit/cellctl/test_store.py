@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -52,7 +53,7 @@ def test_every_connection_writes_ahead_and_waits_for_the_disk(store: Store) -> N
 
 
 def test_plain_sql_of_the_cell_process_fits_its_tables(store: Store) -> None:
-    with sqlite3.connect(store.folder / "store.db") as connection:
+    with closing(sqlite3.connect(store.folder / "store.db")) as connection, connection:
         for _ in range(2):
             connection.execute("INSERT INTO events (at, kind, text) VALUES (1.0, 'state', 'IDLE')")
         assert connection.execute("SELECT seq, job, data FROM events").fetchall() == [(1, "", "{}"), (2, "", "{}")]
@@ -60,7 +61,7 @@ def test_plain_sql_of_the_cell_process_fits_its_tables(store: Store) -> None:
 
 
 def test_store_of_a_newer_version_is_refused_in_one_line(store: Store) -> None:
-    with sqlite3.connect(store.folder / "store.db") as connection:
+    with closing(sqlite3.connect(store.folder / "store.db")) as connection, connection:
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
     connection.close()
     with pytest.raises(StoreError, match="another version") as caught:
