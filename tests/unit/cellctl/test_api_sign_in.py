@@ -9,7 +9,7 @@ from cellctl.api.page import Page, inline_script_hashes
 from cellctl.store.tokens import Role
 
 
-def is_problem(answer: httpx.Response, status: int) -> dict[str, Any]:
+def assert_problem(answer: httpx.Response, status: int) -> dict[str, Any]:
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     problem: dict[str, Any] = answer.json()
@@ -31,21 +31,21 @@ ROUTES = [
 @pytest.mark.parametrize("path", ROUTES)
 async def test_without_a_token_nothing_is_told(web: Any, path: str) -> None:
     answer = await web.nobody.get(path)
-    is_problem(answer, 401)
+    assert_problem(answer, 401)
     assert answer.headers["www-authenticate"] == "Bearer"
 
 
 @pytest.mark.parametrize("header", ["Bearer ", "Bearer nonsense", "Basic YTpi", "Bearer cell_", "bearer"])
 async def test_wrong_credentials_are_refused(web: Any, header: str) -> None:
-    is_problem(await web.nobody.get("/api/v1/jobs", headers={"Authorization": header}), 401)
+    assert_problem(await web.nobody.get("/api/v1/jobs", headers={"Authorization": header}), 401)
 
 
 async def test_each_role_may_do_its_own_and_no_more(web: Any) -> None:
     body = {"part_id": "part-x"}
-    is_problem(await web.viewer.post("/api/v1/jobs", json=body), 403)
-    is_problem(await web.viewer.post("/api/v1/cell/stop", json={}), 403)
-    is_problem(await web.operator.post("/api/v1/jobs", json=body), 404)
-    is_problem(await web.engineer.get("/api/v1/tokens"), 403)
+    assert_problem(await web.viewer.post("/api/v1/jobs", json=body), 403)
+    assert_problem(await web.viewer.post("/api/v1/cell/stop", json={}), 403)
+    assert_problem(await web.operator.post("/api/v1/jobs", json=body), 404)
+    assert_problem(await web.engineer.get("/api/v1/tokens"), 403)
     assert (await web.admin.get("/api/v1/tokens")).status_code == 200
 
 
@@ -57,27 +57,27 @@ async def test_session_cookie_signs_in_until_signed_out(web: Any) -> None:
     assert "HttpOnly" in cookie and "samesite=strict" in cookie.lower()
     assert (await browser.get("/api/v1/session")).json()["name"] == "the operator"
     assert (await browser.delete("/api/v1/session")).status_code == 204
-    is_problem(await browser.get("/api/v1/session"), 401)
+    assert_problem(await browser.get("/api/v1/session"), 401)
 
 
 async def test_cookie_does_not_count_for_a_page_of_another_origin(web: Any) -> None:
     browser = web.nobody
     await browser.post("/api/v1/session", json={"token": web.secrets[Role.OPERATOR]})
     for origin in ("http://evil.example", "http://127.0.0.1:9999", "null"):
-        is_problem(await browser.post("/api/v1/cell/stop", json={}, headers={"Origin": origin}), 401)
+        assert_problem(await browser.post("/api/v1/cell/stop", json={}, headers={"Origin": origin}), 401)
     same = await browser.post("/api/v1/cell/hold", json={}, headers={"Origin": "http://127.0.0.1:8000"})
-    is_problem(same, 503)  # let in; no cell process is there
+    assert_problem(same, 503)  # let in; no cell process is there
 
 
 @pytest.mark.parametrize("origin", ["http://[", "null", "http://evil.example"])
 async def test_origin_that_is_not_ours_opens_no_session(web: Any, origin: str) -> None:
     answer = await web.nobody.post("/api/v1/session", json={"token": "x"}, headers={"Origin": origin})
-    is_problem(answer, 403)
+    assert_problem(answer, 403)
 
 
 async def test_wrong_token_opens_no_session(web: Any) -> None:
     answer = await web.nobody.post("/api/v1/session", json={"token": "cell_wrong"})
-    is_problem(answer, 401)
+    assert_problem(answer, 401)
     assert "set-cookie" not in answer.headers
 
 
@@ -86,14 +86,14 @@ async def test_revoked_token_is_refused_at_once(web: Any) -> None:
     headers = {"Authorization": f"Bearer {made['secret']}"}
     assert (await web.nobody.get("/api/v1/jobs", headers=headers)).status_code == 200
     assert (await web.admin.delete(f"/api/v1/tokens/{made['id']}")).json()["revoked_at"]
-    is_problem(await web.nobody.get("/api/v1/jobs", headers=headers), 401)
+    assert_problem(await web.nobody.get("/api/v1/jobs", headers=headers), 401)
     listed = (await web.admin.get("/api/v1/tokens")).text
     assert made["secret"] not in listed
 
 
 async def test_name_that_is_not_ours_is_not_answered(web: Any) -> None:
     for host in ("evil.example", "127.0.0.1.evil.example:8000", ""):
-        is_problem(await web.operator.get("/api/v1/jobs", headers={"Host": host}), 421)
+        assert_problem(await web.operator.get("/api/v1/jobs", headers={"Host": host}), 421)
     assert (await web.operator.get("/api/v1/jobs", headers={"Host": "localhost:8000"})).status_code == 200
 
 
@@ -131,11 +131,11 @@ async def test_page_leads_nowhere_outside_its_folder(web: Any, tmp_path: Any) ->
 
 
 async def test_unknown_paths_methods_and_bodies_are_problems(web: Any) -> None:
-    is_problem(await web.operator.get("/api/v1/nothing"), 404)
-    is_problem(await web.operator.put("/api/v1/jobs"), 405)
-    is_problem(await web.operator.post("/api/v1/jobs", content=b"{"), 422)
-    problem = is_problem(await web.operator.post("/api/v1/jobs", json={"part_id": "x", "prio": 1}), 422)
+    assert_problem(await web.operator.get("/api/v1/nothing"), 404)
+    assert_problem(await web.operator.put("/api/v1/jobs"), 405)
+    assert_problem(await web.operator.post("/api/v1/jobs", content=b"{"), 422)
+    problem = assert_problem(await web.operator.post("/api/v1/jobs", json={"part_id": "x", "prio": 1}), 422)
     assert problem["errors"] == [{"field": "prio", "error": "Extra inputs are not permitted"}]
-    is_problem(await web.operator.get("/api/v1/jobs?limit=0"), 422)
-    is_problem(await web.operator.get("/api/v1/jobs?cursor=nonsense"), 422)
-    is_problem(await web.operator.post("/api/v1/jobs", content=b" " * 2_000_000), 413)
+    assert_problem(await web.operator.get("/api/v1/jobs?limit=0"), 422)
+    assert_problem(await web.operator.get("/api/v1/jobs?cursor=nonsense"), 422)
+    assert_problem(await web.operator.post("/api/v1/jobs", content=b" " * 2_000_000), 413)

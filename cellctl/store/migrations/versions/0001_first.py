@@ -224,6 +224,7 @@ def _cell_runs() -> None:
 
 
 def upgrade() -> None:
+    """Make every table of the first schema."""
     _parts()
     _plans()
     _programs()
@@ -239,6 +240,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
+    """Drop them again, those that refer to others first."""
     op.drop_table("cell_runs")
     op.drop_table("journal")
     op.drop_table("events")
