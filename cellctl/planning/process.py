@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import msgspec
 import structlog
@@ -44,13 +44,7 @@ class Workers:
             path = Path(scratch) / "task.json"
             path.write_bytes(msgspec.json.encode(task))
             command = [sys.executable, "-m", "cellctl.planning.worker", str(path)]
-            process = await asyncio.create_subprocess_exec(
-                *command,
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=stderr,
-                limit=LINE_LIMIT,
-            )
+            process = await _started(command, stderr)
             try:
                 end = await _follow(process, progress)
                 code = await process.wait()
@@ -73,6 +67,26 @@ class Workers:
 def replace_limits(task: Task, parent: int, memory_bytes: int) -> Task:
     """The task with who waits for it and what it may use."""
     return msgspec.structs.replace(task, parent=parent, memory_bytes=memory_bytes)
+
+
+async def _started(command: list[str], stderr: IO[bytes]) -> asyncio.subprocess.Process:
+    """Start a process. A call that is cancelled meanwhile leaves none behind."""
+    starting = asyncio.ensure_future(
+        asyncio.create_subprocess_exec(
+            *command,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=stderr,
+            limit=LINE_LIMIT,
+        )
+    )
+    try:
+        return await asyncio.shield(starting)
+    except asyncio.CancelledError:
+        process = await starting
+        process.kill()
+        await process.wait()
+        raise
 
 
 async def _follow(process: asyncio.subprocess.Process, progress: Callable[[str, float], None]) -> Done | Failed | None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -68,3 +69,17 @@ async def test_part_larger_than_the_build_volume_is_refused_before_time_goes_int
         await Workers(tmp_path, 8 * 2**30).run(task, lambda stage, _: stages.append(stage))
     assert "450.0 mm in X" in caught.value.failed.detail and "build volume 200.0 mm" in caught.value.failed.detail
     assert caught.value.failed.hint and "toolpaths" not in stages
+
+
+async def test_request_cancelled_while_its_worker_starts_leaves_no_process(tmp_path: Path, block: Path) -> None:
+    task = Task(kind="inspect", folder=str(tmp_path), parent=0, memory_bytes=0, part_name="block", mesh=str(block))
+    for turns in range(6):
+        running = asyncio.create_task(Workers(tmp_path, 2**30).run(task, said))
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+    children = [path.read_text() for path in Path("/proc/self/task").glob("*/children")]
+    workers = [pid for pid in " ".join(children).split() if b"cellctl.planning.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    assert not workers and not list(tmp_path.glob("mesh.stl"))
