@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -13,7 +14,8 @@ from tests.console.conftest import Heard
 from tests.console.running_cell import RunningCell
 
 pytestmark = pytest.mark.timeout(300)
-PICTURES = Path(__file__).resolve().parent / "pictures"
+KEPT = Path(__file__).resolve().parent / "pictures"  # those that README shows
+PICTURES = KEPT if os.environ.get("KEEP_PICTURES") else KEPT.parent / "results"
 PICTURE_BYTES_MAX = 300_000
 PLANNED_MS = 150_000  # plan, post and proof, on a busy machine
 MM_PX = 96 / 25.4
@@ -33,6 +35,7 @@ def state_is(page: Page, *words: str) -> None:
 
 
 def picture(page: Page, name: str) -> None:
+    PICTURES.mkdir(exist_ok=True)
     path = PICTURES / f"{name}.png"
     page.screenshot(path=path)
     assert path.stat().st_size < PICTURE_BYTES_MAX
