@@ -26,7 +26,7 @@ from planner.recipe import Recipe
 RECIPE = {"process": "deposit", "tolerance_mm": 0.5, "cusp_mm": 0.2}
 
 
-def refused(answer: httpx.Response, status: int) -> dict[str, Any]:
+def assert_problem(answer: httpx.Response, status: int) -> dict[str, Any]:
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     problem: dict[str, Any] = answer.json()
@@ -77,13 +77,13 @@ async def test_job_is_planned_posted_and_proved_and_shows_its_results(web: Any, 
     layer = (await web.viewer.get(f"{root}/plan/layers/0")).json()
     points = [value for operation in layer["operations"] for pass_ in operation["passes"] for value in pass_["points"]]
     assert layer["index"] == 0 and len(points) % 3 == 0 and max(map(abs, points)) < 60.0
-    refused(await web.viewer.get(f"{root}/plan/layers/{job['layers']}"), 404)
+    assert_problem(await web.viewer.get(f"{root}/plan/layers/{job['layers']}"), 404)
     program = (await web.viewer.get(f"{root}/program")).json()
     assert program["lines"] == job["lines_total"] and "program.json" in [file["name"] for file in program["files"]]
     archive = zipfile.ZipFile(io.BytesIO((await web.viewer.get(f"{root}/program?format=zip")).content))
     text = (await web.viewer.get(f"{root}/program/layer_0001.ngc")).text
     assert archive.read("layer_0001.ngc").decode() == text and text.splitlines()[0].startswith("N")
-    refused(await web.viewer.get(f"{root}/program/..%2f..%2fstore.db"), 404)
+    assert_problem(await web.viewer.get(f"{root}/program/..%2f..%2fstore.db"), 404)
     assert (await web.viewer.get(f"{root}/proof")).json()["passed"] == job["proof"]["passed"]
     assert (await web.viewer.get(f"{root}/proof/picture")).content.startswith(b"\x89PNG")
     record = (await web.viewer.get(f"{root}/record")).json()
@@ -189,7 +189,7 @@ async def test_recipe_that_cannot_be_used_is_refused_by_field(
     web: Any, part_id: str, body: dict[str, Any], word: str
 ) -> None:
     answer = await web.operator.post("/api/v1/jobs", json={"part_id": part_id, **body})
-    problem = refused(answer, 404 if word == "/etc/passwd" else 422)
+    problem = assert_problem(answer, 404 if word == "/etc/passwd" else 422)
     assert word in problem["detail"]
     assert (await web.viewer.get("/api/v1/jobs")).json()["items"] == []
 
@@ -199,7 +199,7 @@ async def test_key_submits_once(web: Any, part_id: str) -> None:
     headers = {"Idempotency-Key": "once"}
     answers = await asyncio.gather(*(web.operator.post("/api/v1/jobs", json=body, headers=headers) for _ in range(3)))
     assert len({answer.json()["id"] for answer in answers}) == 1
-    refused(await web.operator.post("/api/v1/jobs", json={**body, "name": "other"}, headers=headers), 422)
+    assert_problem(await web.operator.post("/api/v1/jobs", json={**body, "name": "other"}, headers=headers), 422)
     await web.operator.post(f"/api/v1/jobs/{answers[0].json()['id']}/cancel", json={})
 
 
@@ -212,11 +212,11 @@ async def cancelled_job(web: Any, part_id: str) -> str:
 async def test_job_is_approved_only_in_its_state_and_with_a_proof_that_passed(web: Any, part_id: str) -> None:
     job_id = await cancelled_job(web, part_id)
     url = f"/api/v1/jobs/{job_id}/approve"
-    refused(await web.operator.post(url, json={}), 409)
+    assert_problem(await web.operator.post(url, json={}), 409)
     set_job(web, job_id, JobState.WAITING_FOR_APPROVAL, proof={"passed": False})
-    assert "did not pass" in refused(await web.operator.post(url, json={}), 409)["detail"]
-    refused(await web.operator.post(url, json={"override_reason": "I want it"}), 403)
-    refused(await web.engineer.post(url, json={"override_reason": "  "}), 409)
+    assert "did not pass" in assert_problem(await web.operator.post(url, json={}), 409)["detail"]
+    assert_problem(await web.operator.post(url, json={"override_reason": "I want it"}), 403)
+    assert_problem(await web.engineer.post(url, json={"override_reason": "  "}), 409)
     approved = (await web.engineer.post(url, json={"override_reason": "trial piece"})).json()
     assert approved["state"] == "queued" and approved["override_reason"] == "trial piece" and "table" in approved["why"]
     confirmed = (await web.operator.post(url, json={"table_clear": True})).json()
@@ -231,28 +231,28 @@ async def test_job_is_approved_only_in_its_state_and_with_a_proof_that_passed(we
 async def test_job_on_the_cell_is_not_cancelled_but_aborted(web: Any, part_id: str) -> None:
     job_id = await cancelled_job(web, part_id)
     set_job(web, job_id, JobState.RUNNING)
-    assert "abort" in refused(await web.operator.post(f"/api/v1/jobs/{job_id}/cancel", json={}), 409)["hint"]
+    assert "abort" in assert_problem(await web.operator.post(f"/api/v1/jobs/{job_id}/cancel", json={}), 409)["hint"]
 
 
 async def test_results_that_are_not_there_are_problems(web: Any, part_id: str) -> None:
     job_id = await cancelled_job(web, part_id)
     for name in ("plan", "plan/layers/0", "plan/file", "program", "program/layer_0001.ngc", "proof", "proof/picture"):
-        refused(await web.viewer.get(f"/api/v1/jobs/{job_id}/{name}"), 404)
-        refused(await web.viewer.get(f"/api/v1/jobs/job-none/{name}"), 404)
-    refused(await web.viewer.get("/api/v1/jobs/job-none/record"), 404)
+        assert_problem(await web.viewer.get(f"/api/v1/jobs/{job_id}/{name}"), 404)
+        assert_problem(await web.viewer.get(f"/api/v1/jobs/job-none/{name}"), 404)
+    assert_problem(await web.viewer.get("/api/v1/jobs/job-none/record"), 404)
 
 
 async def test_commands_without_a_cell_process_say_so_and_are_written_down(web: Any) -> None:
     for verb in ("hold", "resume", "abort", "reset", "home", "stop"):
         assert (
             "restarted by itself"
-            in refused(await web.operator.post(f"/api/v1/cell/{verb}", json={"because": "test"}), 503)["hint"]
+            in assert_problem(await web.operator.post(f"/api/v1/cell/{verb}", json={"because": "test"}), 503)["hint"]
         )
-    refused(await web.operator.post("/api/v1/cell/jog", json={"axis": "X"}), 422)
-    refused(await web.operator.post("/api/v1/cell/hold", json={"axis": "X"}), 422)
-    refused(await web.operator.post("/api/v1/cell/start", json={}), 422)
-    refused(await web.operator.post("/api/v1/cell/dance", json={}), 422)
-    refused(await web.viewer.get("/api/v1/cell"), 503)
+    assert_problem(await web.operator.post("/api/v1/cell/jog", json={"axis": "X"}), 422)
+    assert_problem(await web.operator.post("/api/v1/cell/hold", json={"axis": "X"}), 422)
+    assert_problem(await web.operator.post("/api/v1/cell/start", json={}), 422)
+    assert_problem(await web.operator.post("/api/v1/cell/dance", json={}), 422)
+    assert_problem(await web.viewer.get("/api/v1/cell"), 503)
     with web.service.store.read() as rows:
         deeds = audit.of_target(rows, "trunnion-tcp")
     assert [deed["verb"] for deed in deeds][:6] == ["hold", "resume", "abort", "reset", "home", "stop"]

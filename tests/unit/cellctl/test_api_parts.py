@@ -14,7 +14,7 @@ from cellctl.api.parts import safe_name
 from cellctl.api.problems import ApiError
 
 
-def refused(answer: httpx.Response, status: int) -> dict[str, Any]:
+def assert_problem(answer: httpx.Response, status: int) -> dict[str, Any]:
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     problem: dict[str, Any] = answer.json()
@@ -34,7 +34,7 @@ async def upload(
 
 
 async def test_uploaded_part_is_measured_and_given_back(web: Any) -> None:
-    refused(await upload(web.operator, box_bytes(), units="furlong"), 422)
+    assert_problem(await upload(web.operator, box_bytes(), units="furlong"), 422)
     answer = await upload(web.operator, box_bytes(), units="inch")
     assert answer.status_code == 201
     part = answer.json()
@@ -50,7 +50,7 @@ async def test_same_key_and_part_are_answered_alike_and_kept_once(web: Any) -> N
     first, second = await asyncio.gather(*(upload(web.operator, box_bytes(), key="k") for _ in range(2)))
     assert first.status_code == second.status_code == 201 and first.json() == second.json()
     assert len((await web.viewer.get("/api/v1/parts")).json()["items"]) == 1
-    problem = refused(await upload(web.operator, box_bytes(), key="k", units="inch"), 422)
+    problem = assert_problem(await upload(web.operator, box_bytes(), key="k", units="inch"), 422)
     assert "Idempotency-Key" in problem["title"]
 
 
@@ -63,14 +63,14 @@ BROKEN = {
 
 @pytest.mark.parametrize("kind", BROKEN)
 async def test_broken_file_is_refused_in_one_line_and_leaves_nothing(web: Any, kind: str) -> None:
-    refused(await upload(web.operator, BROKEN[kind]), 422)
+    assert_problem(await upload(web.operator, BROKEN[kind]), 422)
     assert (await web.viewer.get("/api/v1/parts")).json()["items"] == []
     blobs = web.service.settings.store / "blobs"
     assert not [path for path in blobs.rglob("*") if path.is_file()]
 
 
 async def test_file_above_the_limit_is_refused_whether_its_size_is_told_or_not(web: Any) -> None:
-    refused(await upload(web.operator, b"\0" * 3_000_000), 413)
+    assert_problem(await upload(web.operator, b"\0" * 3_000_000), 413)
 
     async def chunks() -> Any:
         yield b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.stl"\r\n\r\n'
@@ -79,15 +79,15 @@ async def test_file_above_the_limit_is_refused_whether_its_size_is_told_or_not(w
         yield b"\r\n--b--\r\n"
 
     headers = {"Content-Type": "multipart/form-data; boundary=b"}
-    refused(await web.operator.post("/api/v1/parts", content=chunks(), headers=headers), 413)
+    assert_problem(await web.operator.post("/api/v1/parts", content=chunks(), headers=headers), 413)
 
 
 async def test_who_may_not_upload_gets_no_room_on_the_disk(web: Any) -> None:
     body = b"\0" * 1_500_000
-    refused(await upload(web.nobody, body), 413)
-    refused(await upload(web.viewer, body), 413)
-    refused(await upload(web.nobody, b"solid a"), 401)
-    refused(await upload(web.operator, body), 422)
+    assert_problem(await upload(web.nobody, body), 413)
+    assert_problem(await upload(web.viewer, body), 413)
+    assert_problem(await upload(web.nobody, b"solid a"), 401)
+    assert_problem(await upload(web.operator, body), 422)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_file_of_another_kind_is_refused(filename: str | None) -> None:
 
 
 async def test_no_part_is_a_problem(web: Any, block: Path) -> None:
-    refused(await web.viewer.get("/api/v1/parts/part-none"), 404)
-    refused(await web.viewer.get("/api/v1/parts/part-none/mesh"), 404)
-    refused(await web.operator.post("/api/v1/parts", data={"units": "mm"}), 422)
-    refused(await web.viewer.post("/api/v1/parts", files={"file": ("block.stl", block.read_bytes())}), 403)
+    assert_problem(await web.viewer.get("/api/v1/parts/part-none"), 404)
+    assert_problem(await web.viewer.get("/api/v1/parts/part-none/mesh"), 404)
+    assert_problem(await web.operator.post("/api/v1/parts", data={"units": "mm"}), 422)
+    assert_problem(await web.viewer.post("/api/v1/parts", files={"file": ("block.stl", block.read_bytes())}), 403)
