@@ -20,7 +20,7 @@ class Recipe(Facts):
     process: Literal["hybrid", "deposit", "mill"] = "hybrid"
     tolerance_mm: Positive = Field(0.1, le=5.0, description="two-sided, of the finished surface; p99 of the deviation must stay below it")
     cusp_mm: Positive = Field(0.04, le=2.0, description="delta of the facet rule, paper IV")
-    fit: Literal["surface", "facets"] = Field("surface", description="what contours follow: the smooth surface that the facets stand for, or the facets")
+    fit: Literal["surface", "facets"] = Field("surface", description="contours follow the smooth surface that the facets stand for, or the facets")
     fit_epsilon_mm: Positive = Field(0.5, le=10.0, description="fit = facets: spacing of the points laid on the facets' chords, paper Eq. 12")
     handles: Literal["curvature", "speed"] = Field("curvature", description="sixth-order handles, or the paper's Eq. 5")
     crease_deg: Positive = Field(35.0, le=180.0, description="edges of the mesh that bend more are creases: contours have corners there")
