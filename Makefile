@@ -23,7 +23,8 @@ test: setup ## all tests except the slow ones; the architecture is one of them
 	@.setup/install_debian.sh
 	@$(BIN)/python -m pytest $(ARGS)
 
-bench: setup ## measure and print tables (also in tests/bench/results)
+bench: ## measure and print tables (also in tests/bench/results)
+	@.setup/setup.sh bench
 	@$(BIN)/python -m tests.bench $(ARGS)
 
 lint: setup ## ruff, mypy --strict, import contracts

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Writes requirements.txt from the ranges in pyproject.toml: exact versions and hashes for all systems and Python
+# Writes requirements.txt, and bench.txt for what only `make bench` needs, from the ranges in pyproject.toml: exact versions and hashes for all systems and Python
 # 3.11 to 3.13, no host names. Pins that still fit stay; UPGRADE=1 takes the newest of everything.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -7,7 +7,11 @@ cd "$(dirname "$0")/.."
 folder=$(mktemp -d) && trap 'rm -rf "$folder"' EXIT
 .venv/bin/python -m venv "$folder/uv"
 "$folder/uv/bin/pip" install --quiet --disable-pip-version-check uv
-"$folder/uv/bin/uv" pip compile pyproject.toml --group dev --output-file .setup/requirements.txt \
-    --generate-hashes --universal --python-version 3.11 --no-emit-index-url --no-header --quiet ${UPGRADE:+--upgrade}
-if grep -n '://' .setup/requirements.txt; then echo "lock: the lines above name a host" >&2; exit 1; fi
-echo "lock: $(grep -c '^[a-zA-Z0-9]' .setup/requirements.txt) packages in .setup/requirements.txt"
+compile() { # GROUP FILE [OPTION ...]
+    "$folder/uv/bin/uv" pip compile --output-file "$2" --generate-hashes --universal --python-version 3.11 \
+        --no-emit-index-url --no-header --quiet ${UPGRADE:+--upgrade} "${@:3}" --group "$1"
+    if grep -n '://' "$2"; then echo "lock: the lines above of $2 name a host" >&2; exit 1; fi
+    echo "lock: $(grep -c '^[a-zA-Z0-9]' "$2") packages in $2"
+}
+compile dev .setup/requirements.txt pyproject.toml
+compile bench .setup/bench.txt --constraint .setup/requirements.txt

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Makes .venv from the lock file and installs the project in it; does nothing when all of it is there already.
+#   setup.sh bench   also what only `make bench` needs: the peers to measure against
 #   PYTHON=...  the interpreter to use (default: python3 if it is new enough, else the newest python3.x on PATH)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -10,6 +11,8 @@ LOG=$VENV/setup.log
 # Written last, removed first: a stamp that is there says that the step before it was finished.
 LOCK_STAMP=$VENV/.lock.sha256
 PROJECT_STAMP=$VENV/.project.sha256
+BENCH_LOCK=.setup/bench.txt
+BENCH_STAMP=$VENV/.bench.sha256
 
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$*" >&2; exit 1; }
@@ -81,10 +84,28 @@ install_project() {
     say "project installed in $VENV"
 }
 
+# A peer that this machine cannot have is no reason not to measure the rest: its rows then say so.
+install_bench() {
+    local wanted; wanted=$(hash_of "$BENCH_LOCK" "$LOCK")
+    [ "$(cat "$BENCH_STAMP" 2>/dev/null)" = "$wanted" ] && return
+    say "installing the peers that make bench measures against; this takes a minute or two"
+    local folder peer missing=""
+    folder=$(mktemp -d)
+    awk -v folder="$folder" '/^[a-zA-Z0-9]/ { split($0, part, "="); file = folder "/" part[1] } file { print >file }' "$BENCH_LOCK"
+    for peer in "$folder"/*; do
+        "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes \
+            -r "$peer" >>"$LOG" 2>&1 || missing="$missing $(basename "$peer")"
+    done
+    rm -rf "$folder"
+    printf '%s\n' "$wanted" >"$BENCH_STAMP"
+    [ -z "$missing" ] || say "could not be had here:$missing (log in $LOG); the rows of these peers will say so"
+}
+
 # One set-up at a time in a checkout: the second waits and then finds everything done.
 exec 9<"$LOCK"
 if command -v flock >/dev/null 2>&1; then flock 9; fi
 install_lock
 install_project
+if [ "${1:-}" = bench ]; then install_bench; fi
 said=$("$VENV/bin/python" cellctl/console/build.py) || exit 1
 case $said in *"up to date"* | *"nothing to build"*) ;; *) printf '%s\n' "$said" ;; esac
