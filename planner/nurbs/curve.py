@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,13 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from planner.nurbs import knots as knot_work
 from planner.nurbs.arc_length import ArcLengthTable
 from planner.nurbs.basis import Side
-from planner.nurbs.evaluation import derivative_spline, spline_points
+from planner.nurbs.evaluation import fill_derivatives, fill_points, outside
 from planner.nurbs.sampling import extreme_parameters, parameters_within
 
 Floats = NDArray[np.float64]
-Spline = tuple[int, Floats, Floats]
-
-_DOMAIN_SLACK = 1e-9  # share of the domain by which rounding may carry a parameter outside
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +47,13 @@ class Curve:
             set_field(self, "weights", np.ascontiguousarray(self.weights, dtype=np.float64))
             if self.weights.shape != (len(points),) or not np.all(self.weights > 0.0):
                 raise ValueError("weights must be positive, one per control point")
+
+    @classmethod
+    def trusted(cls, degree: int, knots: Floats, control_points: Floats, weights: Floats | None = None) -> Curve:
+        """The curve of arrays that are known to fit together: C-contiguous float64, clamped, nothing is checked."""
+        curve = object.__new__(cls)
+        curve.__dict__.update(degree=degree, knots=knots, control_points=control_points, weights=weights)
+        return curve
 
     @classmethod
     def from_polyline(cls, points: ArrayLike, closed: bool = False) -> Curve:
@@ -106,20 +109,27 @@ class Curve:
 
         Raises ValueError if a parameter lies outside the domain. Source: Piegl & Tiller A3.1, A4.1.
         """
-        rows = spline_points(self.degree, self.knots, self.homogeneous, self._inside(u), side == "left")
-        return rows if self.weights is None else np.asarray(rows[:, :-1] / rows[:, -1:])
+        at = _parameters(u)
+        points = np.empty((len(at), self.control_points.shape[1]))
+        rational = self.weights is not None
+        bad = fill_points(self.degree, self.knots, self.homogeneous, rational, at, side == "left", points)
+        if bad >= 0:
+            raise self._outside(at[bad])
+        return points
 
     def derivatives(self, u: ArrayLike, order: int, side: Side = "right") -> Floats:
         """Derivatives 0 ... order by the parameter: (order+1, k, d) float.
 
         side : which one-sided derivative counts at a knot where the curve is not smooth.
-        Raises ValueError if a parameter lies outside the domain. Source: Piegl & Tiller A3.2, A4.2.
+        Raises ValueError if a parameter lies outside the domain. Source: Piegl & Tiller A3.4, A4.2.
         """
-        at = self._inside(u)
-        rows = np.zeros((order + 1, len(at), self.homogeneous.shape[1]))
-        for k, (degree, knots, points) in enumerate(self._hodographs(order)):
-            rows[k] = spline_points(degree, knots, points, at, side == "left")
-        return rows if self.weights is None else _rational_derivatives(rows)
+        at = _parameters(u)
+        result = np.empty((order + 1, len(at), self.control_points.shape[1]))
+        rational = self.weights is not None
+        bad = fill_derivatives(self.degree, self.knots, self.homogeneous, rational, at, side == "left", result)
+        if bad >= 0:
+            raise self._outside(at[bad])
+        return result
 
     def curvature(self, u: ArrayLike, side: Side = "right") -> Floats:
         """Curvature, not negative: (k,) float, 1/mm. Infinite where the speed is zero."""
@@ -217,34 +227,18 @@ class Curve:
     def _lengths(self) -> ArcLengthTable:
         return ArcLengthTable(lambda u: np.asarray(np.linalg.norm(self.derivatives(u, 1)[1], axis=1)), self.breaks)
 
-    @cached_property
-    def _hodograph_list(self) -> list[Spline]:
-        return [(self.degree, self.knots, self.homogeneous)]
-
-    def _hodographs(self, order: int) -> Sequence[Spline]:
-        """The homogeneous curve and its derivatives as splines, as far as they do not vanish."""
-        known = self._hodograph_list
-        while len(known) <= min(order, self.degree):
-            known.append(derivative_spline(*known[-1]))
-        return known[: order + 1]
-
     def _inside(self, u: ArrayLike) -> Floats:
-        at = np.atleast_1d(np.asarray(u, dtype=np.float64))
+        at = _parameters(u)
+        bad = outside(self.knots, at)
+        if bad >= 0:
+            raise self._outside(at[bad])
+        return np.clip(at, self.knots[0], self.knots[-1])
+
+    def _outside(self, u: float) -> ValueError:
         low, high = self.domain
-        slack = _DOMAIN_SLACK * (high - low)
-        if at.size and not (at.min() >= low - slack and at.max() <= high + slack):
-            raise ValueError(f"parameters {at.min():g} ... {at.max():g} leave the domain ({low:g}, {high:g})")
-        return np.clip(at, low, high)
+        return ValueError(f"the parameter {u:g} leaves the domain ({low:g}, {high:g})")
 
 
-def _rational_derivatives(rows: Floats) -> Floats:
-    """Derivatives of the quotient (w C) / w from those of both: (o+1, k, d+1) -> (o+1, k, d). Source: A4.2."""
-    result = rows[:, :, :-1].copy()
-    weights = rows[:, :, -1:]
-    for k in range(len(rows)):
-        binomial = 1.0
-        for i in range(1, k + 1):
-            binomial = binomial * (k - i + 1) / i
-            result[k] -= binomial * weights[i] * result[k - i]
-        result[k] /= weights[0]
-    return result
+def _parameters(u: ArrayLike) -> Floats:
+    """The parameters as a flat C-contiguous array."""
+    return np.ascontiguousarray(u, dtype=np.float64).reshape(-1)

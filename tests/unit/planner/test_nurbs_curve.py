@@ -87,7 +87,7 @@ def test_transforming_a_planar_curve_lifts_it_into_space() -> None:
 
 
 def test_parameters_outside_the_domain_are_refused() -> None:
-    with pytest.raises(ValueError, match="leave the domain"):
+    with pytest.raises(ValueError, match="leaves the domain"):
         line((0, 0), (1, 1)).evaluate([0.5, 1.5])
     with pytest.raises(ValueError, match="no curve"):
         Curve(3, np.arange(5.0), np.zeros((2, 2)))
