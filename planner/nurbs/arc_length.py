@@ -1,85 +1,187 @@
-"""Arc length of a curve and its inverse: Gauss-Legendre per piece of span, Newton on the way back."""
+"""Arc length of curves and its inverse: adaptive Gauss-Legendre per Bézier piece, Newton on the way back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Speed = Callable[[Floats], Floats]
+from planner.nurbs.bezier import BezierPieces, bezier_jet
 
-_AGREEMENT = 1e-11  # share of the whole length by which a piece and its two halves may differ
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_AGREEMENT = 1e-11  # share of the whole length by which a cell and its two halves may differ
 _MAX_HALVINGS = 30  # near a point of no speed the error falls only by 4 per halving
 _NODES, _WEIGHTS = (np.asarray(part, dtype=np.float64) for part in np.polynomial.legendre.leggauss(8))
-_MAX_STEPS = 60  # bisection alone halves a piece down to rounding in about 52
+_MAX_STEPS = 60  # bisection alone halves a cell down to rounding in about 52
 
 
-class ArcLengthTable:
-    """Cumulative length at the edges of pieces of knot spans, short enough for 8 Gauss-Legendre nodes each."""
+class ArcLengths:
+    """Cumulative lengths of some curves at the edges of cells short enough for 8 Gauss-Legendre nodes each."""
 
-    def __init__(self, speed: Speed, breaks: Floats) -> None:
-        """speed : |C'| at (k,) parameters.   breaks : (s+1,) float, the distinct knots."""
-        self._speed = speed
-        low, high = breaks[:-1], breaks[1:]
-        starts, lengths = [], []
-        whole = self._integral(low, high)
-        total = float(whole.sum())
-        for _ in range(_MAX_HALVINGS):
-            middle = 0.5 * (low + high)
-            first, second = self._integral(low, middle), self._integral(middle, high)
-            agree = np.abs(first + second - whole) <= _AGREEMENT * total
-            starts.append(low[agree])
-            lengths.append(first[agree] + second[agree])
-            if agree.all():
-                break
-            wide = ~agree
-            low, high = np.concatenate([low[wide], middle[wide]]), np.concatenate([middle[wide], high[wide]])
-            whole = np.concatenate([first[wide], second[wide]])
-        else:
-            starts.append(low)
-            lengths.append(whole)
-        order = np.argsort(np.concatenate(starts))
-        self._edges = np.append(np.concatenate(starts)[order], breaks[-1])
-        self._cumulative = np.concatenate([[0.0], np.cumsum(np.concatenate(lengths)[order])])
+    def __init__(self, pieces: BezierPieces) -> None:
+        """pieces : the curves, as Bézier pieces."""
+        self._pieces = pieces
+        shape = (pieces.nets, pieces.degrees, pieces.rational)
+        self._piece, self._start, self._reached, self._first = _cells(*shape, pieces.first, _NODES, _WEIGHTS)
 
     @property
-    def total(self) -> float:
-        """Length of the whole curve, mm."""
-        return float(self._cumulative[-1])
+    def totals(self) -> Floats:
+        """(c,) float, mm   Length of each curve."""
+        return np.asarray(self._reached[self._first[1:] - 1])
 
-    def length_at(self, u: Floats) -> Floats:
-        """Length from the start to each parameter: (k,) float, mm."""
-        piece = np.clip(np.searchsorted(self._edges, u, side="right") - 1, 0, len(self._edges) - 2)
-        return np.asarray(self._cumulative[piece] + self._integral(self._edges[piece], u), dtype=np.float64)
+    def length_at(self, owner: Indices, u: Floats) -> Floats:
+        """Length from the start of curve owner[k] to its parameter u[k], inside its domain: (k,) float, mm."""
+        pieces = self._pieces
+        table = (self._piece, self._start, self._reached, self._first)
+        shape = (pieces.nets, pieces.degrees, pieces.rational, pieces.low, pieces.high)
+        return np.asarray(_lengths(*shape, *table, owner, u, _NODES, _WEIGHTS))
 
-    def parameter_at(self, s: Floats) -> Floats:
-        """Parameter at each length from the start: (k,) float. Safeguarded Newton, to about 1e-13 of the length."""
-        s = np.clip(s, 0.0, self.total)
-        piece = np.clip(np.searchsorted(self._cumulative, s, side="right") - 1, 0, len(self._edges) - 2)
-        start, low, high = self._edges[piece], self._edges[piece].copy(), self._edges[piece + 1].copy()
-        wanted = s - self._cumulative[piece]
-        whole = self._cumulative[piece + 1] - self._cumulative[piece]
-        u = start + (high - low) * np.divide(wanted, whole, out=np.zeros_like(wanted), where=whole > 0.0)
-        open_ones = np.arange(len(s))
+    def parameter_at(self, owner: Indices, s: Floats) -> Floats:
+        """Parameter at each length from the start of curve owner[k], clipped to it: (k,) float.
+
+        Safeguarded Newton, to about 1e-13 of the length.
+        """
+        pieces = self._pieces
+        table = (self._piece, self._start, self._reached, self._first)
+        shape = (pieces.nets, pieces.degrees, pieces.rational, pieces.low, pieces.high)
+        return np.asarray(_parameters(*shape, *table, owner, s, _NODES, _WEIGHTS))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _speed(net: Floats, degree: int, t: float, rational: bool, work: Floats, jet: Floats) -> float:
+    """Speed by the piece's own parameter."""
+    bezier_jet(net, degree, t, rational, work, jet)
+    total = 0.0
+    for axis in range(jet.shape[1] - int(rational)):
+        total += jet[1, axis] ** 2
+    return float(np.sqrt(total))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _integral(
+    net: Floats, degree: int, rational: bool, low: float, high: float, nodes: Floats, weights: Floats,
+    work: Floats, jet: Floats,
+) -> float:  # fmt: skip
+    """Length between two parameters of one piece by one Gauss-Legendre rule."""
+    half, middle, total = 0.5 * (high - low), 0.5 * (high + low), 0.0
+    for node in range(nodes.size):
+        total += weights[node] * _speed(net, degree, middle + half * nodes[node], rational, work, jet)
+    return half * total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _cells(
+    nets: Floats, degrees: Indices, rational: bool, first: Indices, nodes: Floats, weights: Floats
+) -> tuple[Indices, Floats, Floats, Indices]:
+    """Cut pieces into cells whose two halves add up to the whole.
+
+    Returns per cell edge (cells of a curve and one edge more for its end): the piece, the piece's own parameter and
+    the length reached; and where each curve's edges start, (c+1,).
+    """
+    width = nets.shape[2]
+    work, jet = np.empty((nets.shape[1], width)), np.empty((3, width))
+    room = 2 * len(nets) + len(first)
+    piece, start, reached = np.empty(room, dtype=np.intp), np.empty(room), np.empty(room)
+    edges = np.zeros(len(first), dtype=np.intp)
+    stack = np.empty((_MAX_HALVINGS + 2, 4))
+    found = 0
+    for curve in range(len(first) - 1):
+        rough, done = 0.0, 0.0
+        for k in range(first[curve], first[curve + 1]):
+            rough += _integral(nets[k], degrees[k], rational, 0.0, 1.0, nodes, weights, work, jet)
+        for k in range(first[curve], first[curve + 1]):
+            stack[0, 0], stack[0, 1], stack[0, 3] = 0.0, 1.0, 0.0
+            stack[0, 2] = _integral(nets[k], degrees[k], rational, 0.0, 1.0, nodes, weights, work, jet)
+            height = 1
+            while height > 0:
+                height -= 1
+                low, high, whole, depth = stack[height]
+                middle = 0.5 * (low + high)
+                left = _integral(nets[k], degrees[k], rational, low, middle, nodes, weights, work, jet)
+                right = _integral(nets[k], degrees[k], rational, middle, high, nodes, weights, work, jet)
+                if depth < _MAX_HALVINGS and abs(left + right - whole) > _AGREEMENT * rough:
+                    stack[height, 0], stack[height, 1], stack[height, 2] = middle, high, right
+                    stack[height + 1, 0], stack[height + 1, 1], stack[height + 1, 2] = low, middle, left
+                    stack[height, 3] = stack[height + 1, 3] = depth + 1
+                    height += 2
+                    continue
+                if found + 2 > piece.size:
+                    piece = np.concatenate((piece, np.empty_like(piece)))
+                    start, reached = np.concatenate((start, start)), np.concatenate((reached, reached))
+                piece[found], start[found], reached[found] = k, low, done
+                done += left + right
+                found += 1
+        if found + 2 > piece.size:
+            piece = np.concatenate((piece, np.empty_like(piece)))
+            start, reached = np.concatenate((start, start)), np.concatenate((reached, reached))
+        piece[found], start[found], reached[found] = first[curve + 1] - 1, 1.0, done
+        found += 1
+        edges[curve + 1] = found
+    return piece[:found].copy(), start[:found].copy(), reached[:found].copy(), edges
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _lengths(
+    nets: Floats, degrees: Indices, rational: bool, lows: Floats, highs: Floats,
+    piece: Indices, start: Floats, reached: Floats, first: Indices,
+    owner: Indices, u: Floats, nodes: Floats, weights: Floats,
+) -> Floats:  # fmt: skip
+    """Length reached at each parameter of its curve."""
+    width = nets.shape[2]
+    work, jet = np.empty((nets.shape[1], width)), np.empty((3, width))
+    result = np.empty(u.size)
+    for k in range(u.size):
+        low, high = first[owner[k]], first[owner[k] + 1] - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            at = piece[middle]
+            if lows[at] + start[middle] * (highs[at] - lows[at]) <= u[k]:
+                low = middle
+            else:
+                high = middle
+        at = piece[low]
+        t = (u[k] - lows[at]) / (highs[at] - lows[at])
+        rest = _integral(nets[at], degrees[at], rational, start[low], t, nodes, weights, work, jet)
+        result[k] = reached[low] + rest
+    return result
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _parameters(
+    nets: Floats, degrees: Indices, rational: bool, lows: Floats, highs: Floats,
+    piece: Indices, start: Floats, reached: Floats, first: Indices,
+    owner: Indices, lengths: Floats, nodes: Floats, weights: Floats,
+) -> Floats:  # fmt: skip
+    """Parameter of its curve at which each length is reached."""
+    width = nets.shape[2]
+    work, jet = np.empty((nets.shape[1], width)), np.empty((3, width))
+    result = np.empty(lengths.size)
+    for k in range(lengths.size):
+        low, high = first[owner[k]], first[owner[k] + 1] - 1
+        total = reached[high]
+        wanted = min(max(lengths[k], 0.0), total)
+        while high - low > 1:
+            middle = (low + high) // 2
+            if reached[middle] <= wanted:
+                low = middle
+            else:
+                high = middle
+        at, rest, whole = piece[low], wanted - reached[low], reached[low + 1] - reached[low]
+        net, degree = nets[at], degrees[at]
+        left = start[low]
+        right = start[low + 1] if piece[low + 1] == at else 1.0
+        begin, t = left, left + (right - left) * (rest / whole if whole > 0.0 else 0.0)
         for _ in range(_MAX_STEPS):
-            at = u[open_ones]
-            error = self._integral(start[open_ones], at) - wanted[open_ones]
-            wide = np.abs(error) > 1e-13 * max(self.total, 1e-300)
-            wide &= (high - low)[open_ones] > 4e-16 * np.abs(self._edges[-1])
-            open_ones, at, error = open_ones[wide], at[wide], error[wide]
-            if open_ones.size == 0:
+            error = _integral(net, degree, rational, begin, t, nodes, weights, work, jet) - rest
+            if abs(error) <= 1e-13 * total or right - left <= 4e-16:
                 break
-            high[open_ones] = np.where(error > 0.0, at, high[open_ones])
-            low[open_ones] = np.where(error > 0.0, low[open_ones], at)
-            speed = self._speed(at)
-            step = at - np.divide(error, speed, out=np.full_like(error, np.inf), where=speed > 0.0)
-            inside = (step > low[open_ones]) & (step < high[open_ones])
-            u[open_ones] = np.where(inside, step, 0.5 * (low[open_ones] + high[open_ones]))
-        return np.asarray(u)
-
-    def _integral(self, low: Floats, high: Floats) -> Floats:
-        half = 0.5 * (high - low)
-        at = (0.5 * (high + low))[:, None] + half[:, None] * _NODES
-        return np.asarray(half * (self._speed(at.ravel()).reshape(at.shape) @ _WEIGHTS), dtype=np.float64)
+            if error > 0.0:
+                right = t
+            else:
+                left = t
+            step = t - error / _speed(net, degree, t, rational, work, jet)
+            t = step if left < step < right else 0.5 * (left + right)
+        result[k] = lows[at] + t * (highs[at] - lows[at])
+    return result

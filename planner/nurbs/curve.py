@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner.nurbs import knots as knot_work
-from planner.nurbs.arc_length import ArcLengthTable
+from planner.nurbs.arc_length import ArcLengths
 from planner.nurbs.basis import Side
+from planner.nurbs.bezier import BezierPieces
 from planner.nurbs.evaluation import fill_derivatives, fill_points, outside
 from planner.nurbs.sampling import extreme_parameters, parameters_within
 
@@ -143,15 +144,17 @@ class Curve:
     @property
     def length(self) -> float:
         """Arc length of the whole curve, mm."""
-        return self._lengths.total
+        return float(self._lengths.totals[0])
 
     def arc_length(self, u: ArrayLike) -> Floats:
         """Arc length from the start to each parameter: (k,) float, mm."""
-        return self._lengths.length_at(self._inside(u))
+        at = self._inside(u)
+        return self._lengths.length_at(np.zeros(len(at), dtype=np.intp), at)
 
     def at_arc_length(self, s: ArrayLike) -> Floats:
         """Parameter at each arc length from the start (clipped to 0 ... length): (k,) float."""
-        return self._lengths.parameter_at(np.atleast_1d(np.asarray(s, dtype=np.float64)))
+        lengths = _parameters(s)
+        return self._lengths.parameter_at(np.zeros(len(lengths), dtype=np.intp), lengths)
 
     def sample(self, chord_tolerance_mm: float) -> Floats:
         """Parameters, ends and knots included, between which the chords stay within the tolerance: (k,) float.
@@ -224,8 +227,13 @@ class Curve:
         return before, after
 
     @cached_property
-    def _lengths(self) -> ArcLengthTable:
-        return ArcLengthTable(lambda u: np.asarray(np.linalg.norm(self.derivatives(u, 1)[1], axis=1)), self.breaks)
+    def pieces(self) -> BezierPieces:
+        """The curve as Bézier pieces."""
+        return BezierPieces.from_curves([self])
+
+    @cached_property
+    def _lengths(self) -> ArcLengths:
+        return ArcLengths(self.pieces)
 
     def _inside(self, u: ArrayLike) -> Floats:
         at = _parameters(u)
