@@ -12,8 +12,10 @@ from planner.nurbs import knots as knot_work
 from planner.nurbs.arc_length import ArcLengths
 from planner.nurbs.basis import Side
 from planner.nurbs.bezier import BezierPieces
+from planner.nurbs.bounds import boxes_of_pieces
+from planner.nurbs.closest import ClosestTree
 from planner.nurbs.evaluation import fill_derivatives, fill_points, outside
-from planner.nurbs.sampling import extreme_parameters, parameters_within
+from planner.nurbs.sampling import parameters_within
 
 Floats = NDArray[np.float64]
 
@@ -165,8 +167,8 @@ class Curve:
 
     def bounding_box(self) -> tuple[Floats, Floats]:
         """Smallest and largest coordinates of the curve itself (not of its control points): two (d,) float, mm."""
-        points = self.evaluate(extreme_parameters(self))
-        return points.min(axis=0), points.max(axis=0)
+        low, high = boxes_of_pieces(self.pieces)
+        return low[0], high[0]
 
     def reversed(self) -> Curve:
         """The same curve run the other way, same domain."""
@@ -230,6 +232,11 @@ class Curve:
     def pieces(self) -> BezierPieces:
         """The curve as Bézier pieces."""
         return BezierPieces.from_curves([self])
+
+    @cached_property
+    def closest_tree(self) -> ClosestTree:
+        """What `closest.closest_points` searches."""
+        return ClosestTree(self.pieces)
 
     @cached_property
     def _lengths(self) -> ArcLengths:

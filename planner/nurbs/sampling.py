@@ -1,4 +1,4 @@
-"""Where to sample a curve: chords within a tolerance, and the extremes of its coordinates."""
+"""Where to sample a curve so that its chords stay within a tolerance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_PROBES_PER_SPAN = 16  # a span of low degree turns back at most a few times between them
 _MAX_HALVINGS = 24  # 2^-24 of a span: below any tolerance that a double can tell
 
 
@@ -61,27 +60,3 @@ def _measured(curve: Curve, chord_tolerance_mm: float) -> Floats:
             break
         edges = divide_evenly(edges, np.where(bad, 2, 1).astype(np.intp))
     return edges
-
-
-def extreme_parameters(curve: Curve) -> Floats:
-    """Parameters among which every coordinate takes its smallest and largest value: (k,) float.
-
-    Probes per span, then bisection on C' = 0 for every coordinate that turns between two probes.
-    """
-    edges = curve.breaks
-    probes = divide_evenly(edges, np.full(len(edges) - 1, _PROBES_PER_SPAN, dtype=np.intp))
-    found = [probes]
-    slopes_after = curve.derivatives(probes[:-1], 1)[1]
-    slopes_before = curve.derivatives(probes[1:], 1, side="left")[1]
-    for axis in range(curve.dimension):
-        turning = np.flatnonzero(slopes_after[:, axis] * slopes_before[:, axis] < 0.0)
-        low, high = probes[turning].copy(), probes[turning + 1].copy()
-        rising = slopes_after[turning, axis] > 0.0
-        for _ in range(50):
-            if turning.size == 0:
-                break
-            middle = 0.5 * (low + high)
-            same = (curve.derivatives(middle, 1)[1][:, axis] > 0.0) == rising
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        found.append(0.5 * (low + high))
-    return np.concatenate(found)
