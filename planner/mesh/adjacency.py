@@ -13,55 +13,73 @@ COINCIDENT_RAD = 1e-9
 """Facets around an edge that are nearer than this lie on each other: far above the rounding of an angle."""
 
 
-@njit(cache=True)
-def pair_half_edges(facets: NDArray[np.int64], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-    """Mate of every half-edge.
+MAX_FACETS = (2**31 - 1) // 3
+"""Half-edges are numbered in 32 bits."""
 
-    facets : (m, 3) int64   half-edge 3f + j runs from facets[f, j] to facets[f, (j + 1) % 3]
-    Returns mate : (3m,) int64, the other half-edge of the same edge (-1 where OPEN or CROWDED) and
-    state : (3m,) int8, one of PAIRED, OPEN, SAME_DIRECTION, CROWDED. Half-edges of zero length are CROWDED.
+
+@njit(cache=True)
+def _bucket_half_edges(facets: NDArray[np.int64], vertex_count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Half-edges by their lower vertex, in ascending order: bucket[start[v] : start[v + 1]].
+
+    Returns start : (n + 1,) int32 and bucket : (3m, 2) int32, the half-edge and its higher vertex w, as w where the
+    half-edge runs towards w and as -1 - w where it comes from there.
     """
-    half_count = 3 * facets.shape[0]
-    start = np.zeros(vertex_count + 1, np.int64)
-    for h in range(half_count):
-        a, b = facets[h // 3, h % 3], facets[h // 3, (h + 1) % 3]
-        start[min(a, b) + 1] += 1
+    start = np.zeros(vertex_count + 1, np.int32)
+    for f in range(facets.shape[0]):
+        a, b, c = facets[f, 0], facets[f, 1], facets[f, 2]
+        start[min(a, b)] += 1
+        start[min(b, c)] += 1
+        start[min(c, a)] += 1
     for v in range(vertex_count):
         start[v + 1] += start[v]
-    slot = start[:-1].copy()
-    bucket = np.empty(half_count, np.int64)
-    far = np.empty(half_count, np.int64)
-    for h in range(half_count):
-        a, b = facets[h // 3, h % 3], facets[h // 3, (h + 1) % 3]
-        low = min(a, b)
-        bucket[slot[low]] = h
-        far[slot[low]] = max(a, b)
-        slot[low] += 1
-    mate = np.full(half_count, -1, np.int64)
-    state = np.full(half_count, CROWDED, np.int8)
+    bucket = np.empty((3 * facets.shape[0], 2), np.int32)
+    for f in range(facets.shape[0] - 1, -1, -1):
+        for j in range(2, -1, -1):
+            a, b = facets[f, j], facets[f, j + 1 if j < 2 else 0]
+            low = min(a, b)
+            start[low] -= 1
+            bucket[start[low], 0] = 3 * f + j
+            bucket[start[low], 1] = b if a <= b else -1 - a
+    return start, bucket
+
+
+@njit(cache=True)
+def pair_half_edges(facets: NDArray[np.int64], vertex_count: int) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    """Mate of every half-edge, in time linear in the facets however many meet at a vertex.
+
+    facets : (m, 3) int64   half-edge 3f + j runs from facets[f, j] to facets[f, (j + 1) % 3]; m <= MAX_FACETS
+    Returns mate : (3m,) int32, the other half-edge of the same edge (-1 where OPEN or CROWDED) and
+    state : (3m,) int8, one of PAIRED, OPEN, SAME_DIRECTION, CROWDED. Half-edges of zero length are CROWDED.
+    """
+    start, bucket = _bucket_half_edges(facets, vertex_count)
+    mate = np.full(3 * facets.shape[0], -1, np.int32)
+    state = np.full(3 * facets.shape[0], OPEN, np.int8)
+    met = np.full(vertex_count, -1, np.int32)  # place in the bucket of the first half-edge to each higher vertex
     for v in range(vertex_count):
         for i in range(start[v], start[v + 1]):
-            found = -1
-            count = 0
-            for k in range(start[v], start[v + 1]):
-                if k != i and far[k] == far[i]:
-                    found = k
-                    count += 1
-            if far[i] == v or count > 1:
+            h, w = bucket[i, 0], bucket[i, 1]
+            far = w if w >= 0 else -1 - w
+            if far == v:
+                state[h] = CROWDED
                 continue
-            h = bucket[i]
-            if count == 0:
-                state[h] = OPEN
+            if met[far] < start[v]:
+                met[far] = i
                 continue
-            g = bucket[found]
-            mate[h] = g
-            same = facets[h // 3, h % 3] == facets[g // 3, g % 3]
-            state[h] = SAME_DIRECTION if same else PAIRED
+            g = bucket[met[far], 0]
+            if state[g] == OPEN:
+                mate[h], mate[g] = g, h
+                state[h] = state[g] = SAME_DIRECTION if w == bucket[met[far], 1] else PAIRED
+                continue
+            if mate[g] >= 0:
+                state[mate[g]] = CROWDED
+                mate[mate[g]] = -1
+                mate[g] = -1
+            state[g] = state[h] = CROWDED
     return mate, state
 
 
 def pair_crowded(
-    vertices: NDArray[np.float64], facets: NDArray[np.int64], mate: NDArray[np.int64], state: NDArray[np.int8]
+    vertices: NDArray[np.float64], facets: NDArray[np.int64], mate: NDArray[np.int32], state: NDArray[np.int8]
 ) -> None:
     """Pair, in place, the half-edges of edges that three or more facets share, each across the material between them.
 

@@ -118,21 +118,26 @@ class Mesh:
         return float(np.einsum("ij,ij->", self.centroids - middle, self.area_vectors) / 3.0)
 
     @cached_property
-    def _half_edges(self) -> tuple[Ints, NDArray[np.int8]]:
+    def _half_edges(self) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
         mate, state = half_edges.pair_half_edges(self.facets, len(self.vertices))
         half_edges.pair_crowded(self.vertices, self.facets, mate, state)
         return mate, state
 
     @cached_property
+    def across(self) -> NDArray[np.int32]:
+        """(3m,) int32: the half-edge 3f + j on the other side of each; -1 where none runs the other way."""
+        mate, state = self._half_edges
+        return mate if self.is_closed else np.where(state == half_edges.PAIRED, mate, np.int32(-1))
+
+    @cached_property
     def adjacency(self) -> Ints:
         """(m, 3) int64: facet across edge j (vertex j to j + 1); -1 where no facet runs the other way."""
-        mate, state = self._half_edges
-        return np.where(state == half_edges.PAIRED, mate // 3, -1).reshape(-1, 3)
+        return (self.across // 3).astype(np.int64).reshape(-1, 3)
 
-    @property
+    @cached_property
     def half_edge_mates(self) -> Ints:
         """(3m,) int64: the other half-edge of each edge, 3f + j; -1 where there is none or more than one."""
-        return self._half_edges[0]
+        return self._half_edges[0].astype(np.int64)
 
     @cached_property
     def edge_state(self) -> NDArray[np.int8]:

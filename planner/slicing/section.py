@@ -10,12 +10,38 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planner.errors import InputError
+from planner.mesh.mesh import Mesh
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
+class LoopStack:
+    """Contours of many parallel planes as flat arrays, loop after loop; `Loop` and `Section` are views of it.
+
+    mesh    : Mesh
+    points  : (n, 3) float, mm   weights : (n,) float   halves : (n,) int32, half-edge 3f + j of the facet that begins
+    start   : (l + 1,) int64     rows of each loop
+    area    : (l,) float, mm²    signed
+    loops   : (s,) int64         numbers of the loops that count, plane after plane
+    parents : (s,) int32         counted from the plane's first, -1 for none
+    first   : (k + 1,) int64     each plane's part of loops
+    axes    : (3, 3) float       unit vectors u, v, w of all the planes
+    """
+
+    mesh: Mesh
+    points: Floats
+    weights: Floats
+    halves: NDArray[np.int32]
+    start: Ints
+    area: Floats
+    loops: Ints
+    parents: NDArray[np.int32]
+    first: Ints
+    axes: Floats
+
+
 class Loop:
     """One closed contour of a section; the material lies on its left seen against the plane's normal.
 
@@ -28,13 +54,32 @@ class Loop:
     parent   : int                 the smallest loop of this section around this one, by number; -1 if none
     """
 
-    points: Floats
-    facets: Ints
-    edges: Ints
-    weights: Floats
-    xy: Floats
-    area_mm2: float
-    parent: int
+    def __init__(self, stack: LoopStack, number: int, parent: int, origin: Floats) -> None:
+        self._stack = stack
+        self._rows = slice(int(stack.start[number]), int(stack.start[number + 1]))
+        self._origin = origin
+        self.points: Floats = stack.points[self._rows]
+        self.weights: Floats = stack.weights[self._rows]
+        self.area_mm2 = float(stack.area[number])
+        self.parent = parent
+
+    @cached_property
+    def facets(self) -> Ints:
+        """(n,) int64: mesh facet of the segment from point i to point i + 1."""
+        return (self._stack.halves[self._rows] // 3).astype(np.int64)
+
+    @cached_property
+    def edges(self) -> Ints:
+        """(n, 2) int64: mesh vertices a < b of the edge that point i lies on."""
+        slot = self._stack.halves[self._rows] % 3
+        corners = self._stack.mesh.facets[self.facets]
+        rows = np.arange(len(slot))
+        return np.sort(np.column_stack([corners[rows, slot], corners[rows, (slot + 1) % 3]]), axis=1)
+
+    @cached_property
+    def xy(self) -> Floats:
+        """(n, 2) float, mm: the points in the section's frame."""
+        return np.asarray((self.points - self._origin) @ self._stack.axes[:2].T)
 
     @property
     def is_hole(self) -> bool:
@@ -51,7 +96,6 @@ class Loop:
         return shapely.Polygon(self.xy)
 
 
-@dataclass(frozen=True, eq=False)
 class Section:
     """All loops that one plane cuts out of a mesh.
 
@@ -60,24 +104,39 @@ class Section:
     loops : list of Loop    empty where the plane misses the mesh
     """
 
-    plane: Floats
-    frame: Floats
-    loops: list[Loop]
+    def __init__(self, plane: Floats, stack: LoopStack, number: int) -> None:
+        self.plane = plane
+        self._stack = stack
+        self._number = number
+
+    @cached_property
+    def frame(self) -> Floats:
+        """(4, 3) float: origin (mm) and the unit vectors u, v, w; right-handed, w is the plane's normal."""
+        return np.vstack([self.plane[:3], self._stack.axes])
+
+    @cached_property
+    def loops(self) -> list[Loop]:
+        """All loops, in the order of the first mesh facet that each of them meets."""
+        stack, origin = self._stack, self.plane[:3]
+        part = slice(int(stack.first[self._number]), int(stack.first[self._number + 1]))
+        numbers, parents = stack.loops[part].tolist(), stack.parents[part].tolist()
+        return [Loop(stack, number, parent, origin) for number, parent in zip(numbers, parents, strict=True)]
 
     @property
     def origin(self) -> Floats:
         """(3,) float, mm: the plane's point, where xy = (0, 0)."""
-        return np.asarray(self.frame[0])
+        return np.asarray(self.plane[:3])
 
     @property
     def normal(self) -> Floats:
         """(3,) float: the plane's unit normal."""
-        return np.asarray(self.frame[3])
+        return np.asarray(self._stack.axes[2])
 
     @property
     def area_mm2(self) -> float:
         """Sum of the loops' signed areas, mm²."""
-        return float(sum(loop.area_mm2 for loop in self.loops))
+        part = self._stack.loops[self._stack.first[self._number] : self._stack.first[self._number + 1]]
+        return float(self._stack.area[part].sum())
 
     def lift(self, xy: ArrayLike) -> Floats:
         """Plane coordinates to space.  xy : (n, 2) float, mm.  Returns (n, 3) float, mm."""

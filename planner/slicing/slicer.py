@@ -9,21 +9,25 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from planner.errors import InputError, MeshError
+from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh, mesh_of
-from planner.slicing.crossing import cross_facets, drop_degenerate, link_loops, number_pairs, place_points
-from planner.slicing.nesting import nest_loops, signed_areas
-from planner.slicing.section import Loop, Section, checked_planes, plane_frame
+from planner.slicing.crossing import number_pairs, rank_vertices, trace_loops
+from planner.slicing.nesting import measure_loops, nest_loops
+from planner.slicing.section import LoopStack, Section, checked_planes, plane_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Side = Literal["above", "below"]
 
 SNAP_FRACTION = 1e-9
-"""A vertex this near to a plane, as a fraction of the mesh's extent, lies on it: far above the rounding of doubles
+"""A vertex this near to a plane, as a fraction of the mesh's diagonal, lies on it: far above the rounding of doubles
 (so planes that were computed meet the vertices they mean), far below that of an STL's 32-bit coordinates (6e-8)."""
+ROUNDING = 16 * float(np.finfo(np.float64).eps)
+"""What is added to that, as a fraction of the largest coordinate: the rounding of a computed plane far from the origin
+(4e-9 mm at 1,000 m)."""
 
-MAX_PAIRS = 4_000_000
-"""Pairs of facet and plane that are worked on at once; about 200 bytes each, so 0.8 GB. More planes go in halves."""
+MAX_PAIRS = 2**30
+"""Pairs of facet and plane that are numbered at once, in 32 bits; more planes go in halves. A pair takes 38 bytes."""
 
 
 def slice_mesh(mesh: Mesh | trimesh.Trimesh, planes: ArrayLike, side: Side = "above") -> list[Section]:
@@ -47,46 +51,51 @@ def slice_mesh(mesh: Mesh | trimesh.Trimesh, planes: ArrayLike, side: Side = "ab
     sections: list[Section | None] = [None] * len(values)
     if not len(body.facets):
         raise MeshError("the mesh holds no facets", "export the model again")
-    normals, group = np.unique(values[:, 3:] + 0.0, axis=0, return_inverse=True)
-    group = group.reshape(-1)
-    for number in range(len(normals)):
-        members = np.flatnonzero(group == number)
+    for members in _parallel_groups(values[:, 3:]):
         for member, section in zip(members, _slice_parallel(body, values, members, side), strict=True):
             sections[int(member)] = section
     return [section for section in sections if section is not None]
 
 
-def _heights(points: Floats, normal: Floats) -> Floats:
-    """Height along the normal, summed in one fixed order so that equal coordinates give equal heights."""
-    return np.asarray(points[:, 0] * normal[0] + points[:, 1] * normal[1] + points[:, 2] * normal[2])
+def _parallel_groups(normals: Floats) -> list[Ints]:
+    """Numbers of the planes with equal normals, group by group.  normals : (k, 3) float."""
+    if len(normals) and (normals == normals[0]).all():
+        return [np.arange(len(normals))]
+    _, group = np.unique(normals + 0.0, axis=0, return_inverse=True)
+    order = np.argsort(group.reshape(-1), kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(group.reshape(-1)[order])) + 1) if len(order) else []
 
 
 def _slice_parallel(body: Mesh, values: Floats, members: Ints, side: Side) -> list[Section]:
-    """Sections of the planes `members`, which share one normal."""
-    normal = values[members[0], 3:]
-    height = _heights(body.vertices, normal)
-    level = _heights(values[members, :3], normal)
-    order = np.argsort(level, kind="stable")
-    level, members_sorted = level[order], members[order]
-    snap_mm = SNAP_FRACTION * float(np.abs(body.bounds).max() + body.diagonal)
+    """Sections of the planes `members`, which share one normal, in their order."""
+    axes = plane_frame(values[members[0]])[1:]
+    middle = body.bounds.mean(axis=0)
+    away = values[members, :3] - middle
+    level = away[:, 0] * axes[2, 0] + away[:, 1] * axes[2, 1] + away[:, 2] * axes[2, 2]  # in the order of the kernels
+    reach_mm = np.maximum(np.abs(values[members, :3]).max(axis=1), np.abs(body.bounds).max())
+    snap_mm = SNAP_FRACTION * body.diagonal + ROUNDING * reach_mm
     least_above = level + snap_mm if side == "above" else np.nextafter(level - snap_mm, -np.inf)
-    rank = np.searchsorted(least_above, height).astype(np.int64)
-    lowest, offset = number_pairs(body.facets, rank)
-    if offset[-1] > MAX_PAIRS and len(members) > 1:
+    order = np.argsort(least_above, kind="stable")
+    level, snap_mm, least_above, members = level[order], snap_mm[order], least_above[order], members[order]
+    rank = rank_vertices(body.vertices, middle, axes[2], least_above)
+    base, count = number_pairs(body.facets, rank)
+    if count > MAX_PAIRS and len(members) > 1:
         half = len(members) // 2
-        parts = [_slice_parallel(body, values, part, side) for part in (members_sorted[:half], members_sorted[half:])]
+        parts = [_slice_parallel(body, values, part, side) for part in (members[:half], members[half:])]
         return _unsorted(order, [section for part in parts for section in part])
-    facet, plane, tail, head, following = cross_facets(body.facets, body.adjacency, rank, lowest, offset)
-    chain, start, open_pair = link_loops(following)
-    if open_pair >= 0:
-        _refuse_open(body, values, int(members_sorted[plane[open_pair]]), int(facet[open_pair]), following[open_pair])
-    low, high = np.minimum(tail, head), np.maximum(tail, head)
-    weight, points = place_points(body.vertices, height, level, snap_mm, plane, low, high)
-    chain, start, _ = drop_degenerate(chain, start, points)
-    found = _Loops(
-        start, plane[chain[start[:-1]]], points[chain], facet[chain], np.column_stack([low, high])[chain], weight[chain]
+    points, weights, halves, start, plane, open_half, open_plane = trace_loops(
+        body.vertices, body.facets, body.across, rank, base, count, middle, axes[2], level, snap_mm
     )
-    sections = found.by_plane(values[members_sorted], snap_mm)
+    if open_half >= 0:
+        _refuse_open(body, values, int(members[open_plane]), open_half)
+    area, solid, box = measure_loops(points, start, plane, axes[:2], middle, snap_mm)
+    loops = np.flatnonzero(solid)
+    loops = loops[np.argsort(plane[loops], kind="stable")]
+    first = np.searchsorted(plane[loops], np.arange(len(members) + 1))
+    parents = nest_loops(points, start, loops, first, area, box, axes[:2], middle, float(snap_mm.max()))
+    stack = LoopStack(body, points, weights, halves, start, area, loops, parents, first, axes)
+    sections = [Section(values[member], stack, k) for k, member in enumerate(members.tolist())]
+    _refuse_inverted(stack, sections, plane)
     return _unsorted(order, sections)
 
 
@@ -94,50 +103,7 @@ def _unsorted(order: Ints, sections: list[Section]) -> list[Section]:
     """Sections of sorted planes in the order in which the planes were given."""
     back = np.empty(len(order), dtype=np.int64)
     back[order] = np.arange(len(order))
-    return [sections[i] for i in back]
-
-
-class _Loops:
-    """All loops of a group of parallel planes, as flat arrays."""
-
-    def __init__(self, start: Ints, plane: Ints, points: Floats, facets: Ints, edges: Ints, weights: Floats) -> None:
-        by_plane = np.argsort(plane, kind="stable")
-        counts = np.diff(start)[by_plane]
-        self.start = np.concatenate([[0], np.cumsum(counts)])
-        gather = np.repeat(start[:-1][by_plane] - self.start[:-1], counts) + np.arange(self.start[-1])
-        self.plane = plane[by_plane]
-        self.points, self.facets, self.edges, self.weights = (
-            points[gather],
-            facets[gather],
-            edges[gather],
-            weights[gather],
-        )
-
-    def by_plane(self, planes: Floats, snap_mm: float) -> list[Section]:
-        """One Section per plane of planes : (k, 6); loops without area (thinner than snap_mm) are left out."""
-        frames = np.repeat(plane_frame(planes[0])[None], len(planes), axis=0)
-        frames[:, 0] = planes[:, :3]
-        point_plane = np.repeat(self.plane, np.diff(self.start))
-        relative = self.points - frames[point_plane, 0]
-        xy = np.ascontiguousarray(relative @ frames[0, 1:3].T)
-        area, perimeter = signed_areas(xy, self.start)
-        parent = nest_loops(xy, self.start, self.plane, area, snap_mm)
-        solid = np.abs(area) > snap_mm * perimeter
-        first = np.searchsorted(self.plane, np.arange(len(planes) + 1))
-        sections = []
-        for k, plane in enumerate(planes):
-            numbers = np.arange(first[k], first[k + 1])[solid[first[k] : first[k + 1]]]
-            place = {int(number): i for i, number in enumerate(numbers)}
-            loops = [self._loop(int(n), xy, float(area[n]), place.get(int(parent[n]), -1)) for n in numbers]
-            section = Section(plane.copy(), frames[k], loops)
-            if section.area_mm2 < 0.0:
-                _refuse_inverted(section)
-            sections.append(section)
-        return sections
-
-    def _loop(self, number: int, xy: Floats, area: float, parent: int) -> Loop:
-        part = slice(int(self.start[number]), int(self.start[number + 1]))
-        return Loop(self.points[part], self.facets[part], self.edges[part], self.weights[part], xy[part], area, parent)
+    return [sections[i] for i in back.tolist()]
 
 
 def _plane_text(plane: Floats) -> str:
@@ -146,22 +112,29 @@ def _plane_text(plane: Floats) -> str:
     return f"the plane through ({point}) mm with normal ({normal})"
 
 
-def _refuse_open(body: Mesh, values: Floats, plane: int, facet: int, following: int) -> None:
-    """Raise MeshError: the contour in this plane runs over the open edge -1 - following of this facet."""
-    edge = -1 - int(following)
-    ends = body.vertices[body.facets[facet, [edge, (edge + 1) % 3]]]
-    place = ", ".join(f"{value:.4g}" for value in ends.mean(axis=0))
+def _refuse_open(body: Mesh, values: Floats, plane: int, half: int) -> None:
+    """Raise MeshError: the contour in this plane leads over this open half-edge, 3f + j."""
+    facet, edge = divmod(half, 3)
+    place = body.vertices[body.facets[facet, [edge, (edge + 1) % 3]]].mean(axis=0)
     raise MeshError(
         f"the mesh is not closed: {_plane_text(values[plane])} (number {plane}) crosses an open edge of facet {facet} "
-        f"at ({place}) mm",
+        f"at {place_text(place)}",
         "load the mesh with planner.mesh.load, which closes small holes, or repair it in the CAD system",
     )
 
 
-def _refuse_inverted(section: Section) -> None:
-    """Raise MeshError: the loops of this section enclose less than nothing."""
-    place = ", ".join(f"{value:.4g}" for value in section.loops[0].points[0])
+def _refuse_inverted(stack: LoopStack, sections: list[Section], plane: NDArray[np.int32]) -> None:
+    """Raise MeshError where a plane's loops enclose less than nothing or a hole lies in no material."""
+    area = stack.area[stack.loops]
+    total = np.bincount(plane[stack.loops], weights=area, minlength=len(sections))
+    loose = (area < 0.0) & (stack.parents < 0)
+    if not loose.any() and total.min(initial=0.0) >= 0.0:
+        return
+    wrong = np.flatnonzero(loose | (total < 0.0)[plane[stack.loops]])[0]
+    number = stack.loops[wrong]
+    section = sections[plane[number]]
     raise MeshError(
-        f"the mesh is inside out: {_plane_text(section.plane)} cuts {section.area_mm2:.4g} mm² near ({place}) mm",
-        "load the mesh with planner.mesh.load, which turns inverted facets round",
+        f"the mesh is inside out or passes through itself: {_plane_text(section.plane)} cuts {area[wrong]:.4g} mm² "
+        f"that lie in no material near {place_text(stack.points[stack.start[number]])}",
+        "load the mesh with planner.mesh.load, which turns inverted bodies round, or repair it in the CAD system",
     )
