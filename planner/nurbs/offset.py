@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TypeAlias
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 Region: TypeAlias = Polygon | MultiPolygon
@@ -49,16 +52,35 @@ def inset_rings(region: Region, first_mm: float, step_mm: float, count: int) -> 
     return found
 
 
-def _offset(region: Region, distance_mm: float, chord_error_mm: float, outward: bool) -> MultiPolygon:
-    """Buffer with round joins: arcs fine enough for the chord error, polygons only, crumbs dropped."""
-    if not (distance_mm >= 0.0 and math.isfinite(distance_mm)) or not chord_error_mm > 0.0:
+def signed_offsets(
+    regions: Sequence[Region], distances_mm: Sequence[float], chord_error_mm: float = CHORD_ERROR_MM
+) -> list[list[MultiPolygon]]:
+    """Each region grown (> 0) or shrunk (< 0) by each distance: result[region][distance].
+
+    Raises ValueError as `outset`.
+    """
+    columns = [_moved(np.array(regions, dtype=object), float(d), chord_error_mm) for d in distances_mm]
+    return [[_without_slivers(column[k], chord_error_mm) for column in columns] for k in range(len(regions))]
+
+
+def _moved(regions: NDArray[np.object_], distance_mm: float, chord_error_mm: float) -> NDArray[np.object_]:
+    """Buffers with round joins, arcs fine enough for the chord error, crumbs still in them."""
+    reach = abs(distance_mm)
+    if not math.isfinite(reach) or not chord_error_mm > 0.0:
         raise ValueError(f"cannot offset by {distance_mm:g} mm with a chord error of {chord_error_mm:g} mm")
-    if distance_mm == 0.0 or region.is_empty:
-        return _without_slivers(region, 0.0)
-    step = min(_ARC_STEP, 2.0 * math.acos(max(1.0 - chord_error_mm / distance_mm, 0.0)))
+    if reach == 0.0:
+        return regions
+    step = min(_ARC_STEP, 2.0 * math.acos(max(1.0 - chord_error_mm / reach, 0.0)))
+    return np.asarray(shapely.buffer(regions, distance_mm, quad_segs=math.ceil(0.5 * math.pi / step)), dtype=object)
+
+
+def _offset(region: Region, distance_mm: float, chord_error_mm: float, outward: bool) -> MultiPolygon:
+    """One buffer, polygons only, crumbs dropped."""
+    if not distance_mm >= 0.0:
+        raise ValueError(f"cannot offset by {distance_mm:g} mm: the sense is in the name")
     signed = distance_mm if outward else -distance_mm
-    moved = shapely.buffer(region, signed, quad_segs=math.ceil(0.5 * math.pi / step))
-    return _without_slivers(moved, chord_error_mm)
+    moved = _moved(np.array([region], dtype=object), signed, chord_error_mm)[0]
+    return _without_slivers(moved, chord_error_mm if distance_mm > 0.0 else 0.0)
 
 
 def _without_slivers(shape: Region, chord_error_mm: float) -> MultiPolygon:
