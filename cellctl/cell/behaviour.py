@@ -79,9 +79,9 @@ def _running(cell: Controller, drivers: CellDrivers, now: float) -> None:
     assert run is not None
     run.follow(now)
     status = drivers.cnc.status
-    if status is not None and status.state in ("Hold", "Door"):
+    if status is not None and status.state == "Hold":
         cell.quiesce.begin(now, reset=False)
-        cell.go(T.HELD_AT_MACHINE, f"feed hold at the machine ({status.state})")
+        cell.go(T.HELD_AT_MACHINE, "feed hold at the machine")
     elif run.is_finished:
         cell.hand.lock("the job is done")
         cell.end_run("completed")
@@ -132,7 +132,8 @@ def _motion_again(drivers: CellDrivers, now: float) -> Step:
 
     def goes_on() -> bool:
         status = drivers.cnc.status
-        return status is not None and status.at > said_at[0] and (status.state == "Run" or drivers.cnc.is_drained)
+        is_ready = status is not None and status.is_idle and drivers.cnc.is_drained
+        return status is not None and status.at > said_at[0] and (status.state == "Run" or is_ready)
 
     return Step("waiting for motion", goes_on, MOTION_TIMEOUT_S, act=resume, remedy="look at the CNC, then reset")
 
@@ -163,7 +164,7 @@ def _resetting(cell: Controller, drivers: CellDrivers, now: float) -> None:
     if cell.transaction is None or not cell.transaction.advance(now):
         return
     cell.alarms.clear()
-    cell.details.clear()
+    cell.told.clear()
     status = drivers.cnc.status
     if not cell.is_cnc_alive or status is None:
         cell.go(T.RESET_OFFLINE, "reset; the CNC is not there")

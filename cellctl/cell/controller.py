@@ -10,13 +10,14 @@ from cellctl.cell.behaviour import STEPS
 from cellctl.cell.modes import Modes
 from cellctl.cell.quiesce import Quiesce
 from cellctl.cell.record import END, PROGRESS, SAMPLE, Found, Journal, Sample
-from cellctl.cell.safety import LaserHand, Senses, Situation
+from cellctl.cell.safety import LaserHand, Senses, Situation, Told
 from cellctl.cell.stream import Run
 from cellctl.cell.tip import TipFinder
 from cellctl.cell.transaction import StepFailedError, Transaction
+from cellctl.domain.causes import cause_of_alarm, is_explained
 from cellctl.domain.interlocks import may_emit
 from cellctl.domain.messages import Event
-from cellctl.domain.reactions import INTERLOCK_CAUSE, REACTIONS, explain
+from cellctl.domain.reactions import REACTIONS, explain
 from cellctl.domain.snapshot import Alarm, JobView, Lines, Permissive
 from cellctl.domain.states import IN_JOB, LATCHED, State, Trigger, after
 from config.cell import Cell
@@ -69,7 +70,7 @@ class Controller:
         self.offline_line = "connecting"
         self.alarms: dict[str, Alarm] = {}
         self.alarms_made = 0
-        self.details: dict[str, tuple[str, str]] = {}
+        self.told: dict[str, Told] = {}  # what each alarm was latched for
         self.permissives: list[Permissive] = []
         self.run: Run | None = None
         self.run_started_at = 0.0
@@ -138,18 +139,15 @@ class Controller:
         self.journal.event(Event(0, self.times.unix(), kind, text, name, data or {}))
 
     def fault(self, code: str, detail: str = "", remedy: str = "") -> None:
-        """Latch a fault with its cause and remedy, laser off first; the same one twice is one alarm."""
+        """Latch a fault with its cause and remedy, laser off first; the same one twice is one alarm, and so are a cause and what it explains."""
         lead_s = 0.0
         if self.drivers is not None:
             lead_s = self.lead_s
             self.hand.lock(code)
-        if code in self.alarms:
+        is_known = code in self.alarms or any(is_explained(code, detail, by=known) for known in self.alarms)
+        if is_known and self.state is not S.RESETTING:  # a reset that fails of the same cause has failed
             return
-        cause, cure = explain(code, detail, remedy)
-        self.alarms_made += 1
-        self.alarms[code] = Alarm(self.alarms_made, self.times.unix(), code, cause, cure)
-        self.details[code] = (detail, remedy)
-        self.event("alarm", cause, {"code": code, "detail": detail, "remedy": remedy, "shown_remedy": cure})
+        cause = self._latch(code, detail, remedy)
         before = self.state
         self.go(T.FAULTED, cause)
         if self.drivers is None:
@@ -170,6 +168,23 @@ class Controller:
             self.quiesce.outcome = self.quiesce.outcome or ending
         if self.quiesce.outcome and not self.is_cnc_alive:
             self.end_run(self.quiesce.outcome)
+
+    def _latch(self, code: str, detail: str, remedy: str) -> str:
+        """Make the alarm, in place of those that it explains; its cause in the operator's words."""
+        cause, cure = explain(code, detail, remedy)
+        now = self.times.unix()
+        replaced = [known for known, told in self.told.items() if known == code or is_explained(known, told.detail, by=code)]
+        began_at = min([now, *(self.alarms[known].at for known in replaced)])
+        for known in replaced:
+            del self.alarms[known], self.told[known]
+        self.alarms_made += 1
+        self.alarms[code] = Alarm(self.alarms_made, began_at, code, cause, cure)
+        self.told[code] = Told(detail, self.times.wire.now())
+        data = {"code": code, "detail": detail, "remedy": remedy, "shown_remedy": cure, "instead_of": replaced}
+        self.event("alarm", cause, data)
+        if replaced:
+            self.because = cause
+        return cause
 
     @property
     def lead_s(self) -> float:
@@ -247,10 +262,10 @@ class Controller:
         found = [*self.senses.faults(situation)] if self.state not in (S.OFFLINE, S.RESETTING) else []
         if self.state is not S.OFFLINE:
             found += self.senses.unpermitted_emission(self.hand)
+        if self.state is S.FAULT:
+            found += self.senses.late_causes(self.told)
         for code, detail, remedy in found:
-            is_known = code == "laser_interlock" and any(cause in self.alarms for cause in INTERLOCK_CAUSE.values())
-            if not is_known:  # the laser's chain repeats what the contacts have told
-                self.fault(code, detail, remedy)
+            self.fault(code, detail, remedy)
 
     def _on_cnc(self, event: CncEvent) -> None:
         has_job = self.run is not None and not self.quiesce_pending  # also behind a fault that can be reset
@@ -267,7 +282,7 @@ class Controller:
             if busy:
                 self.fault("cnc_lost", event.message, event.hint)
         elif isinstance(event, AlarmRaised) and busy:
-            self.fault("cnc_alarm", f"ALARM:{event.code} {event.cause}", event.remedy)
+            self.fault(cause_of_alarm(event.code), f"ALARM:{event.code} {event.cause}", event.remedy)
         elif isinstance(event, LineRejected) and self.run is not None:
             self.fault("line_rejected", f"N{event.n} {event.line!r}: error {event.code}, {event.text}", event.remedy)
         elif isinstance(event, AnswerOverdue) and self.run is not None:

@@ -167,8 +167,8 @@ class Modes:
             GAS_TIMEOUT_S,
             act=lambda: feeder.set_carrier_gas(l_min) if carrier else feeder.set_shield_gas(l_min),
             age_s=lambda: feeder.age_s,
+            code="gas_flow",
             detail=lambda: f"{read():.1f} L/min read back",
-            remedy="look at the gas supply, then reset",
         )
 
     def _tool(self, number: int) -> Step:

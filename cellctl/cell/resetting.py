@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from cellctl.cell.controller import Controller
+from cellctl.cell.safety import CNC_DOOR_OPEN
 from cellctl.cell.transaction import Step
+from cellctl.domain.causes import causes_of_interlocks
 
 RESET_TIMEOUT_S = 3.0
 
@@ -18,6 +20,9 @@ def reset_steps(c: Controller) -> list[Step]:
     steps = [
         Step("waiting for standstill", lambda: not c.is_cnc_alive or _at_rest(c), RESET_TIMEOUT_S, code="cnc_silent")
     ]
+    if "door" in c.alarms:
+        steps.append(Step("waiting until every wire tells a closed door", lambda: not _door_told_open(c), RESET_TIMEOUT_S,
+                          detail=lambda: _door_told_open(c), remedy="close the door; if it is, look at its contacts; reset"))  # fmt: skip
     if not math.isinf(d.laser.age_s):
         steps.append(Step("resetting the laser", lambda: not d.laser.faults, RESET_TIMEOUT_S, act=d.laser.reset_faults,
                           age_s=lambda: d.laser.age_s, code="laser_fault", detail=lambda: "; ".join(d.laser.faults)))  # fmt: skip
@@ -33,6 +38,18 @@ def reset_steps(c: Controller) -> list[Step]:
 def _at_rest(c: Controller) -> bool:
     c.quiesce.advance(c.times.wire.now())
     return c.quiesce.is_still or c.quiesce.is_clear
+
+
+def _door_told_open(c: Controller) -> str:
+    """Which wire still tells an open door (the I/O coupler's was asked before the reset); empty when none does."""
+    d = c.drivers
+    if d is None:
+        return ""
+    told = [detail for code, detail in causes_of_interlocks(d.laser.interlocks) if code == "door"]
+    if told and not d.laser.client.is_stale("interlock_word"):
+        return f"the laser's interlock chain says {told[0]}"
+    is_open = c.is_cnc_alive and d.cnc.status is not None and d.cnc.status.state == "Door" and d.cnc.status.substate in CNC_DOOR_OPEN
+    return "the CNC says that its door input is open" if is_open else ""
 
 
 def _advanced(c: Controller) -> bool:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from cellctl.cell.modes import DEPOSIT, MILL
+from cellctl.domain.causes import cause_of_alarm, causes_of_interlocks, is_explained
 from cellctl.domain.interlocks import Levels, Signal, permissives
 from cellctl.domain.reactions import INTERLOCK_CAUSE
 from cellctl.domain.snapshot import Permissive
@@ -19,6 +20,7 @@ DARK_GRACE_S = 0.3  # from the permit's end until read-backs have to show it: re
 FLOW_GRACE_S = 1.5  # powder may be off its set-point that long before it counts as lost
 FLOW_BAND = 3.0  # times powder_settle_tolerance
 TOOL_GRACE_S = 1.0
+CNC_DOOR_OPEN = (1, 2)  # substates of Door: stopped and still ajar, opened and braking; 0 is closed again, 3 going on
 
 
 class LaserHand:
@@ -77,6 +79,14 @@ class Situation:
     mode: int
     tool: int | None
     powder_g_min: float
+
+
+@dataclass(frozen=True)
+class Told:
+    """What was said of a fault that is latched. at : wire time (s)"""
+
+    detail: str
+    at: float
 
 
 def _signal(client: DeviceClient, name: str) -> Signal:
@@ -138,6 +148,8 @@ class Senses:
             yield from self._cnc()
         if now.state in (State.JOGGING, State.HOMING):
             yield from self._door()
+        if now.state in ACTIVE or now.state in (State.JOGGING, State.HOMING):
+            yield from self._cnc_door(now)
         if now.state in ACTIVE:
             yield from self._interlocks()
             yield from self._devices(now)
@@ -147,6 +159,19 @@ class Senses:
         estop = _signal(self._d.io.client, "estop_ok")
         if estop.is_fresh and not estop.value and now.state is not State.OFFLINE:
             yield "estop", "", ""
+
+    def late_causes(self, told: Mapping[str, Told]) -> Iterator[tuple[str, str, str]]:
+        """(code, detail, remedy) of each open interlock that explains what another wire has latched a moment ago.
+
+        told : what is latched, by code. The coupler's own reading comes within its stale limit; what opens later is another matter.
+        """
+        for name, code in INTERLOCK_CAUSE.items():
+            signal = _signal(self._d.io.client, name)
+            if not signal.is_fresh or signal.value or code in told:
+                continue
+            since = [each.at for known, each in told.items() if is_explained(known, each.detail, by=code)]
+            if since and self._clock.now() - max(since) <= signal.stale_s:
+                yield code, "", ""
 
     def unpermitted_emission(self, hand: LaserHand) -> Iterator[tuple[str, str, str]]:
         """Emission that is read back though the permit has been off for a while."""
@@ -161,7 +186,16 @@ class Senses:
         if self.cnc_age_s > self._cell.limits.status_stale_s:
             yield "cnc_silent", f"last status report {self.cnc_age_s:.1f} s ago", ""
         elif self._d.cnc.status is not None and self._d.cnc.status.state == "Alarm":
-            yield "cnc_alarm", f"ALARM:{self._d.cnc.status.substate or ''}", "remove the cause, reset and home"
+            number = self._d.cnc.status.substate
+            yield cause_of_alarm(number), f"ALARM:{number or ''}", "remove the cause, reset and home"
+
+    def _cnc_door(self, now: Situation) -> Iterator[tuple[str, str, str]]:
+        """The CNC's own door input: open, or, where lines ran, opened since (it brakes and waits until it is let go)."""
+        status = self._d.cnc.status
+        if status is None or status.state != "Door":
+            return
+        if status.substate in CNC_DOOR_OPEN or now.state is State.RUNNING:
+            yield "door", "", ""
 
     def _interlocks(self) -> Iterator[tuple[str, str, str]]:
         io = self._d.io
@@ -186,8 +220,9 @@ class Senses:
             yield "laser_silent", _why_silent(laser.client), ""
         elif laser.faults:
             yield "laser_fault", "; ".join(laser.faults), ""
-        elif laser.interlocks and laser.is_enabled:
-            yield "laser_interlock", "; ".join(laser.interlocks), ""
+        elif laser.is_enabled:
+            for code, detail in causes_of_interlocks(laser.interlocks):
+                yield code, detail, ""
         if not _signal(feeder.client, "fault_word").is_fresh or not _signal(feeder.client, "rate_readback").is_fresh:
             yield "feeder_silent", _why_silent(feeder.client), ""
         elif feeder.faults:

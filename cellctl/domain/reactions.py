@@ -55,6 +55,7 @@ REACTIONS: dict[str, Reaction] = {
         "The powder feeder does not answer: {detail}", "look at its power and cable; reset when it answers"
     ),
     "powder_flow": Reaction("Powder does not flow as set: {detail}", "look for a clog or an empty hopper, then reset"),
+    "gas_flow": Reaction("Gas does not flow as set: {detail}", "look at the gas supply, then reset"),
     "io_silent": Reaction(
         "The I/O coupler does not answer: {detail}", "look at its power and cable; reset when it answers"
     ),

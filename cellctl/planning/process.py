@@ -15,6 +15,7 @@ from typing import IO, Any
 import msgspec
 import structlog
 
+from cellctl.planning.ending import kill, to_its_end
 from cellctl.planning.task import Done, Failed, Progress, Report, Task
 
 LINE_LIMIT = 64 << 20  # bytes of one report; findings of a bad mesh can be many
@@ -49,9 +50,7 @@ class Workers:
                 end = await _follow(process, progress)
                 code = await process.wait()
             finally:
-                if process.returncode is None:
-                    process.kill()
-                    await process.wait()
+                await to_its_end(kill(process))
             tail = _tail(stderr)
         if isinstance(end, Done):
             return end.summary
@@ -81,11 +80,10 @@ async def _started(command: list[str], stderr: IO[bytes]) -> asyncio.subprocess.
         )
     )
     try:
-        return await asyncio.shield(starting)
+        return await to_its_end(starting)
     except asyncio.CancelledError:
-        process = await starting
-        process.kill()
-        await process.wait()
+        if not starting.cancelled() and starting.exception() is None:
+            await to_its_end(kill(starting.result()))
         raise
 
 

@@ -71,15 +71,22 @@ async def test_part_larger_than_the_build_volume_is_refused_before_time_goes_int
     assert caught.value.failed.hint and "toolpaths" not in stages
 
 
-async def test_request_cancelled_while_its_worker_starts_leaves_no_process(tmp_path: Path, block: Path) -> None:
+@pytest.mark.parametrize("cancellations", [1, 2, 3])
+async def test_request_cancelled_while_its_worker_starts_leaves_no_process_and_no_pipe(
+    tmp_path: Path, block: Path, cancellations: int
+) -> None:
     task = Task(kind="inspect", folder=str(tmp_path), parent=0, memory_bytes=0, part_name="block", mesh=str(block))
+    open_files = len(list(Path("/proc/self/fd").iterdir()))
     for turns in range(6):
         running = asyncio.create_task(Workers(tmp_path, 2**30).run(task, said))
         for _ in range(turns):
             await asyncio.sleep(0)
-        running.cancel()
+        for _ in range(cancellations):
+            running.cancel()
+            await asyncio.sleep(0)
         with pytest.raises(asyncio.CancelledError):
             await running
+    assert len(list(Path("/proc/self/fd").iterdir())) == open_files
     children = [path.read_text() for path in Path("/proc/self/task").glob("*/children")]
     workers = [pid for pid in " ".join(children).split() if b"cellctl.planning.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()]
     assert not workers and not list(tmp_path.glob("mesh.stl"))
