@@ -1,0 +1,88 @@
+"""All side walls of a layer, and of a stack of layers, from the mesh and the sections in its planes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from planner.matching.adjacency import match_in_slab
+from planner.matching.branching import branch_walls, sections_apart, swept_curve
+from planner.matching.slab import Slab, slab_of
+from planner.matching.twist import largest_twist
+from planner.matching.walls import LayerWalls, Rim, RuledWall, joined, plane_axes, rim_of
+from planner.mesh.mesh import Mesh
+from planner.nurbs.curve import Curve
+from planner.nurbs.ruled import RuledSurface
+from planner.slicing.contours import ContourStyle, section_curves_many
+from planner.slicing.section import Section
+
+SURFACE_STYLE = ContourStyle()
+"""Contours along the smooth surface, as recipes have it by default."""
+
+
+def layer_walls(mesh: Mesh, bottom: Section, top: Section, *, style: ContourStyle = SURFACE_STYLE) -> LayerWalls:
+    """The ruled side walls of the layer between two sections.
+
+    bottom : cut with side "above"; top : with side "below"; of this mesh; the planes need not be parallel but must not
+    meet inside the part. Contours that correspond one to one are joined by rulings (paper Eq. 19); the others as
+    `branch_walls` says. Every wall is a closed ring from plane to plane.
+    Raises PlanningError where the planes meet inside the part, FitError where no curve fits a contour.
+    """
+    return stack_walls(mesh, [(bottom, top)], style=style)[0]
+
+
+def stack_walls(
+    mesh: Mesh, layers: Sequence[tuple[Section, Section]], *, style: ContourStyle = SURFACE_STYLE
+) -> list[LayerWalls]:
+    """`layer_walls` of many layers, each a bottom and a top section; all contours are fitted in one pass."""
+    used = [sections_apart(mesh, bottom, top) for bottom, top in layers]
+    fitted = section_curves_many([section for pair in used for section in pair], mesh, style)
+    curves = [[found.curve for found in section] for section in fitted]
+    return [
+        _walls(mesh, given, apart, (curves[2 * k], curves[2 * k + 1]), style)
+        for k, (given, apart) in enumerate(zip(layers, used, strict=True))
+    ]
+
+
+def _walls(
+    mesh: Mesh,
+    given: tuple[Section, Section],
+    apart: tuple[Section, Section],
+    curves: tuple[list[Curve], list[Curve]],
+    style: ContourStyle,
+) -> LayerWalls:
+    """The walls of one layer.  given : its sections; apart : those that the curves belong to."""
+    bottom, top = apart
+    slab = slab_of(mesh, bottom.plane, top.plane)
+    axes = plane_axes(bottom, top)
+    low, high = rim_of(bottom, curves[0], axes[0]), rim_of(top, curves[1], axes[1])
+    matching = match_in_slab(mesh, bottom, top, slab)
+    walls: list[RuledWall] = []
+    for group in matching.groups:
+        if group.kind == "one_to_one":
+            number, other = group.bottom[0], group.top[0]
+            surface = joined(mesh, slab, (low, number), (high, other), style.crease_deg)
+            how = matching.how(number, other) or "indirect"
+            walls.append(RuledWall(surface, how, (number,), (other,), largest_twist(surface)))
+        else:
+            walls += branch_walls(mesh, slab, low, high, group, style)
+    walls = [_in_planes(wall, given, apart) for wall in walls]
+    return LayerWalls(
+        given[0].plane,
+        given[1].plane,
+        matching,
+        tuple(walls),
+        tuple(wall.surface.curve0 for wall in walls),
+        tuple(wall.surface.curve1 for wall in walls),
+    )
+
+
+def _in_planes(wall: RuledWall, given: tuple[Section, Section], apart: tuple[Section, Section]) -> RuledWall:
+    """The wall carried on to the layer's own planes where its contours were taken a little inside them."""
+    first, second = wall.surface.curve0, wall.surface.curve1
+    if apart[0] is not given[0]:
+        first = swept_curve(first, given[0].plane, given[0].normal)
+    if apart[1] is not given[1]:
+        second = swept_curve(second, given[1].plane, given[1].normal)
+    if first is wall.surface.curve0 and second is wall.surface.curve1:
+        return wall
+    return RuledWall(RuledSurface(first, second), wall.how, wall.bottom, wall.top, wall.twist_max_rad)
