@@ -13,10 +13,10 @@ from shapely import MultiPolygon
 from planner.decompose.direction import best_direction
 from planner.errors import PlanningError, RecipeError
 from planner.mesh.mesh import Mesh, mesh_of
-from planner.plan import Layer, Operation, Plan, Wall
+from planner.plan import Contour, Layer, Operation, Plan, Wall
 from planner.process import Bead, Settings
 from planner.recipe import Recipe
-from planner.slicing.contours import layer_contours
+from planner.slicing.contours import ContourStyle, layer_contours_many
 from planner.slicing.layers import layer_levels
 from planner.slicing.regions import LayerRegion, layer_regions
 from planner.slicing.section import plane_frame
@@ -73,7 +73,11 @@ def plan(
         sequence = build_up(regions, beads, tops, bands, settings, lambda share: say("toolpaths", 0.3 + 0.7 * share))
         found += _overhang_findings(regions)
     found += sequence.findings
-    layers = [layer_of(region, part, sequence.operations.get(region.index, ())) for region in regions]
+    outlines = layer_contours_many(regions, part, ContourStyle.from_recipe(recipe))
+    layers = [
+        layer_of(region, part, contours, sequence.operations.get(region.index, ()))
+        for region, contours in zip(regions, outlines, strict=True)
+    ]
     volumes = _volumes(part, sequence, settings)
     say("done", 1.0)
     return Plan(
@@ -177,9 +181,10 @@ def _overhang_findings(regions: list[LayerRegion]) -> list[str]:
     ]
 
 
-def layer_of(region: LayerRegion, part: Mesh, operations: Iterable[Operation]) -> Layer:
+def layer_of(
+    region: LayerRegion, part: Mesh, contours: tuple[Contour, ...], operations: Iterable[Operation]
+) -> Layer:
     """The Layer of the Plan: planes, contours, walls, areas and what is done to it."""
-    contours = layer_contours(region, part)
     if region.is_upright:
         raised = np.eye(4)
         raised[2, 3] = region.height_mm

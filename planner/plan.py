@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PLAN_SCHEMA = 1
+PLAN_SCHEMA = 2
 
 
 class Process(StrEnum):
@@ -42,13 +42,16 @@ class Contour:
 
     curve : closed NURBS, mm, build frame; outer counter-clockwise seen against the build direction, holes clockwise
     is_hole, parent : nesting; parent is the index of the enclosing contour in the same list, -1 for an outermost one
-    deviation_mm : measured maximum distance between the curve and the STL section
+    deviation_mm : measured maximum distance between the curve and the STL section, both ways
+    smooth_deviation_mm : measured maximum distance of the curve, between its nodes too, from the smooth surface that the
+        facets stand for (curved PN triangles over them), in the section's plane; NaN where the contour follows facets
     """
 
     curve: Curve
     is_hole: bool
     parent: int
     deviation_mm: float
+    smooth_deviation_mm: float = float("nan")
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,6 +19,7 @@ Read = Callable[[str, int, int], Table]
 PROCESSES = tuple(Process)
 UNITS = {
     "contours/deviation": "mm",
+    "contours/smooth_deviation": "mm (NaN: follows facets)",
     "curves/points": "mm (tool axes: 1)",
     "layers/bottom": "mm, 1",
     "layers/top": "mm, 1",
@@ -90,6 +92,7 @@ _ROWS: dict[str, tuple[str, tuple[int, ...]]] = {
     "contours/is_hole": ("u1", ()),
     "contours/parent": ("<i4", ()),
     "contours/deviation": ("<f8", ()),
+    "contours/smooth_deviation": ("<f8", ()),
     "walls/curves": ("<i4", (2,)),
     "operations/process": ("u1", ()),
     "operations/layer": ("<i4", ()),
@@ -112,6 +115,9 @@ def _add_layer(layer: Layer, curves: _Curves, rows: dict[str, list[Any]]) -> Non
         rows["contours/is_hole"].append(contour.is_hole)
         rows["contours/parent"].append(contour.parent)
         rows["contours/deviation"].append(contour.deviation_mm)
+        rows["contours/smooth_deviation"].append(
+            np.nan if math.isnan(contour.smooth_deviation_mm) else contour.smooth_deviation_mm
+        )
     for wall in layer.walls:
         rows["walls/curves"].append((curves.add(wall.bottom), curves.add(wall.top)))
     for operation in layer.operations:
@@ -188,8 +194,8 @@ def layer_from(read: Read, number: int, notes: list[str]) -> Layer:
     """
     curves = _read_curves(read, *_range(read, "layers/curve_offset", number))
     contours = [
-        Contour(curves[int(curve)], bool(hole), int(parent), float(error))
-        for curve, hole, parent, error in zip(
+        Contour(curves[int(curve)], bool(hole), int(parent), float(error), float(smooth_error))
+        for curve, hole, parent, error, smooth_error in zip(
             *(read(f"contours/{name}", *_range(read, "layers/contour_offset", number)) for name in _CONTOUR), strict=True
         )
     ]
@@ -210,7 +216,7 @@ def layer_from(read: Read, number: int, notes: list[str]) -> Layer:
     )
 
 
-_CONTOUR = ("curve", "is_hole", "parent", "deviation")
+_CONTOUR = ("curve", "is_hole", "parent", "deviation", "smooth_deviation")
 
 
 def _range(read: Read, name: str, number: int) -> tuple[int, int]:

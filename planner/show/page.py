@@ -9,7 +9,7 @@ import numpy as np
 
 from planner.plan import Layer, Plan
 from planner.show.strokes import COLOURS, layer_strokes
-from planner.show.summary import text
+from planner.show.summary import smooth_deviation, text
 
 _STYLE = """
 body{font:14px/1.45 system-ui,sans-serif;margin:0;color:#212529;background:#f8f9fa}
@@ -63,7 +63,13 @@ _FAINT = ("lead", "link", "rapid")
 
 
 def _title(layer: Layer) -> str:
-    return f"layer {layer.index}: z {layer.bottom[2]:.3f} … {layer.top[2]:.3f} mm"
+    facets = max((contour.deviation_mm for contour in layer.contours), default=0.0)
+    surface = smooth_deviation(layer)
+    off = "" if surface is None else f", {surface:.2e} mm from the smooth surface"
+    return (
+        f"layer {layer.index}: z {layer.bottom[2]:.3f} … {layer.top[2]:.3f} mm; "
+        f"contours at most {facets:.5f} mm from the facets{off}"
+    )
 
 
 def _paths(layer: Layer) -> list[list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 from planner.plan import Layer, Operation, Plan
@@ -39,10 +40,17 @@ def _layer_figures(layer: Layer) -> dict[str, Any]:
         "contours": len(layer.contours),
         "walls": len(layer.walls),
         "deviation_mm": round(max((contour.deviation_mm for contour in layer.contours), default=0.0), 6),
+        "smooth_deviation_mm": smooth_deviation(layer),
         "overlap_mm2": round(layer.overlap_mm2, 4),
         "overhang_mm2": round(layer.overhang_mm2, 4),
         "operations": [_operation_figures(operation) for operation in layer.operations],
     }
+
+
+def smooth_deviation(layer: Layer) -> float | None:
+    """Largest measured distance of a layer's contours from the smooth surface, mm; None where they follow facets."""
+    known = [contour.smooth_deviation_mm for contour in layer.contours if not math.isnan(contour.smooth_deviation_mm)]
+    return round(max(known), 9) if known else None
 
 
 def _operation_figures(operation: Operation) -> dict[str, Any]:
@@ -78,7 +86,7 @@ def text(plan: Plan) -> str:
     lines += [f"! {finding}" for finding in plan.findings[:_MOST_FINDINGS]]
     if len(plan.findings) > _MOST_FINDINGS:
         lines.append(f"! and {len(plan.findings) - _MOST_FINDINGS} more findings (--json lists all)")
-    lines.append("layer   z from      to  height  contours  operations (passes, length)")
+    lines.append("layer   z from      to  height  contours  off facets  off surface  operations (passes, length)")
     lines += [_layer_line(layer) for layer in plan.layers]
     return "\n".join(lines) + "\n"
 
@@ -90,4 +98,7 @@ def _layer_line(layer: Layer) -> str:
         work = [step for step in operation.passes if not step.is_link]
         name = operation.process.value.replace("_", " ")
         parts.append(f"{name} {len(work)}, {sum(step.tip.length for step in work):.0f} mm")
-    return f"{layer.index:5d} {low:8.3f} {high:7.3f} {high - low:7.3f} {len(layer.contours):9d}  {'; '.join(parts)}"
+    facets = max((contour.deviation_mm for contour in layer.contours), default=0.0)
+    surface = smooth_deviation(layer)
+    off = f"{facets:11.5f} {'-' if surface is None else format(surface, '.2e'):>12}"
+    return f"{layer.index:5d} {low:8.3f} {high:7.3f} {high - low:7.3f} {len(layer.contours):9d} {off}  {'; '.join(parts)}"

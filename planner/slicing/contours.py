@@ -1,78 +1,248 @@
-"""The outline of a layer as NURBS curves, corners where the mesh has creases, and its deviation from the facets."""
+"""Sections as NURBS curves along the smooth surface or along the facets, with what they measure from both."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
 
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from planner.errors import InputError
 from planner.mesh.mesh import Mesh
+from planner.mesh.patch import distances_to_patches
+from planner.mesh.smooth import SmoothSurface, smooth_surface
 from planner.nurbs.curve import Curve
-from planner.nurbs.densify import drop_collinear
+from planner.nurbs.densify import densify, drop_collinear
 from planner.nurbs.fit import interpolate_many
-from planner.nurbs.measure import deviation
 from planner.nurbs.rings import curves_from_region
+from planner.nurbs.sampling import divide_evenly
 from planner.plan import Contour
+from planner.recipe import Recipe
+from planner.slicing.nearness import nearest_sides
+from planner.slicing.nodes import Outline, kept_nodes, lifted_nodes
 from planner.slicing.regions import LayerRegion, is_same
 from planner.slicing.section import Section
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 CREASE_DEG = 35.0
 """Edges of the mesh that bend more are creases: a dodecagon still reads as a circle, an octagon as itself."""
-_COLLINEAR_MM = 1e-4  # points that only a facet's diagonal made lie this near to the line of their neighbours
+REGION_MM = 5e-4  # chord error of regions made of curves: a hundredth of a finish pass's allowance
+_COLLINEAR_MM = 1e-6  # points that only a facet's diagonal made lie this near to the line of their neighbours
+_SAMPLES_PER_SIDE = 8  # a cubic piece bends once or twice: its extremes lie between these
 
 
-def section_curves(section: Section, mesh: Mesh) -> list[tuple[Curve, float]]:
-    """Each loop of a section as a curve in space and its deviation from the section, mm.
+@dataclass(frozen=True)
+class ContourStyle:
+    """How contours are made: the recipe's fit, handles, crease_deg and fit_epsilon_mm."""
 
-    mesh : the one that was cut. A point where facets meet at more than the crease angle is a corner.
+    fit: Literal["surface", "facets"] = "surface"
+    handles: Literal["curvature", "speed"] = "curvature"
+    crease_deg: float = CREASE_DEG
+    epsilon_mm: float = 0.5
+
+    @classmethod
+    def from_recipe(cls, recipe: Recipe) -> ContourStyle:
+        """The style that a recipe asks for."""
+        return cls(recipe.fit, recipe.handles, recipe.crease_deg, recipe.fit_epsilon_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class SectionCurve:
+    """One loop of a section as a curve in space.
+
+    deviation_mm : largest distance between the curve and the loop's sides, both ways, measured at 8 points per side
+    smooth_deviation_mm : largest distance, across the curve in its plane, from the curved PN triangles over the facets
+        that it runs along, measured at the same points between the nodes; NaN for fit = "facets"
     """
-    if not section.loops:
-        return []
+
+    curve: Curve
+    deviation_mm: float
+    smooth_deviation_mm: float
+
+
+def section_curves_many(
+    sections: Sequence[Section], mesh: Mesh, style: ContourStyle = ContourStyle()
+) -> list[list[SectionCurve]]:
+    """Every loop of every section as a curve, all fitted and measured at once; one list per section, as its loops.
+
+    mesh : the one that was cut. Where the contour crosses a crease it has a corner.
+    fit = "surface": slice points are lifted onto the smooth surface that the facets stand for (`lifted_nodes`), those
+    that only the diagonal of a plane face made are dropped, directions are the surface's. fit = "facets": the loop's
+    own sides, densified to epsilon_mm (paper Eqs. 12, 13).
+    Raises InputError for an unknown fit; FitError as `interpolate_many`.
+    """
+    if style.fit not in ("surface", "facets"):
+        raise InputError(f"fit is {style.fit!r}", 'choose "surface" or "facets"')
+    outline = Outline.of(sections)
+    if not len(outline.loop):
+        return [[] for _ in sections]
+    surface = smooth_surface(mesh, style.crease_deg)
+    curves = (
+        _along_surface(outline, surface, style) if style.fit == "surface" else _along_facets(outline, surface, style)
+    )
+    errors, smooth_errors = measured(curves, outline, surface, style.fit == "surface")
+    found = [SectionCurve(*row) for row in zip(curves, errors.tolist(), smooth_errors.tolist(), strict=True)]
+    ends = np.cumsum([0, *(len(section.loops) for section in sections)])
+    return [found[first:last] for first, last in pairwise(ends.tolist())]
+
+
+def section_curves(section: Section, mesh: Mesh, style: ContourStyle = ContourStyle()) -> list[tuple[Curve, float]]:
+    """Each loop of one section as a curve in space and its deviation from the section, mm (`section_curves_many`)."""
+    return [(found.curve, found.deviation_mm) for found in section_curves_many([section], mesh, style)[0]]
+
+
+def _along_surface(outline: Outline, surface: SmoothSurface, style: ContourStyle) -> list[Curve]:
+    nodes = lifted_nodes(outline, surface)
+    keep = kept_nodes(outline, nodes, float(np.abs(surface.mesh.bounds).max()))
+    rows = [np.arange(first, last)[keep[first:last]] for first, last in pairwise(outline.start.tolist())]
+    tangents = nodes.tangents[:, 1].copy()
+    tangents[nodes.corners] = np.nan
+    return interpolate_many(
+        [nodes.points[row] for row in rows],
+        closed=True,
+        corners=[nodes.corners[row] for row in rows],
+        tangents=[tangents[row] for row in rows],
+        handles=style.handles,
+    )
+
+
+def _along_facets(outline: Outline, surface: SmoothSurface, style: ContourStyle) -> list[Curve]:
+    is_corner = lifted_nodes(outline, surface).corners
     points, corners = [], []
-    for loop in section.loops:
-        kept, index = drop_collinear(loop.points, _COLLINEAR_MM, closed=True)
-        normals = mesh.normals[loop.facets]
-        bend = (normals * np.roll(normals, 1, axis=0)).sum(axis=1) < np.cos(np.radians(CREASE_DEG))
-        points.append(kept)
-        corners.append(_crease_corners(bend, index))
-    curves = interpolate_many(points, closed=True, corners=corners)
-    return [
-        (curve, deviation(curve, loop.points, closed=True)) for curve, loop in zip(curves, section.loops, strict=True)
+    for first, last in pairwise(outline.start.tolist()):
+        kept, index = drop_collinear(outline.points[first:last], _COLLINEAR_MM, closed=True)
+        sides = np.linalg.norm(np.roll(kept, -1, axis=0) - kept, axis=1)
+        parts = np.maximum(np.ceil(sides / style.epsilon_mm), 1).astype(np.intp)
+        place = np.cumsum(parts) - parts
+        bend = np.flatnonzero(is_corner[first:last])
+        points.append(densify(kept, style.epsilon_mm, closed=True))
+        corners.append(place[(np.searchsorted(index, bend, side="right") - 1) % len(index)])
+    return interpolate_many(points, closed=True, corners=corners, handles=style.handles)
+
+
+def measured(
+    curves: Sequence[Curve], outline: Outline, surface: SmoothSurface, is_smooth: bool
+) -> tuple[Floats, Floats]:
+    """Largest distance of each curve from its loop, both ways, and from the patches over its facets: (k,), (k,) mm.
+
+    The second is NaN unless is_smooth. See `SectionCurve` for what is measured.
+    """
+    sides = np.linalg.norm(outline.points[outline.after] - outline.points, axis=1)
+    samples = [
+        curve.evaluate(_sample(curve, float(sides[first:last].mean())))[:-1]
+        for curve, (first, last) in zip(curves, pairwise(outline.start.tolist()), strict=True)
     ]
+    start = np.concatenate([[0], np.cumsum([len(points) for points in samples])])
+    points = np.concatenate(samples)
+    outward, side = nearest_sides(points, start, outline.points, outline.start)
+    following = outline.points[outline.after]
+    probes = np.stack(
+        [outline.points + share * (following - outline.points) for share in (0.0, 0.25, 0.5, 0.75)], axis=1
+    )
+    inward, _ = nearest_sides(probes.reshape(-1, 3), 4 * outline.start, points, start)
+    largest = np.maximum(np.maximum.reduceat(outward, start[:-1]), np.maximum.reduceat(inward, 4 * outline.start[:-1]))
+    if not is_smooth:
+        return largest, np.full(len(largest), np.nan)
+    plane = outline.normal[side]
+    normal = surface.mesh.normals[outline.facets[side]]
+    across = normal - np.einsum("nd,nd->n", normal, plane)[:, None] * plane
+    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
+    away = distances_to_patches(surface, points, outline.facets[side], across)
+    return largest, np.fmax.reduceat(away, start[:-1])
 
 
-def _crease_corners(bend: NDArray[np.bool_], kept: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Corner flags of the kept points: a crease at a dropped point counts for the kept one before it."""
-    flags = np.zeros(len(kept), dtype=bool)
-    flags[(np.searchsorted(kept, np.flatnonzero(bend), side="right") - 1) % len(kept)] = True
-    return flags
+def _sample(curve: Curve, side_mm: float) -> Floats:
+    """Parameters, 8 per knot span and closer where a span is longer than the loop's mean side: (k,) float."""
+    edges = curve.breaks
+    reach = np.linalg.norm(np.diff(curve.evaluate(edges), axis=0), axis=1)
+    counts = np.ceil(_SAMPLES_PER_SIDE * np.maximum(reach / max(side_mm, 1e-300), 1.0))
+    return divide_evenly(edges, counts.astype(np.intp))
 
 
-def layer_contours(layer: LayerRegion, mesh: Mesh) -> tuple[Contour, ...]:
-    """The outline of what the layer is built from, at its lower plane (build frame, mm).
+def region_of(section: Section, curves: Sequence[SectionCurve]) -> MultiPolygon:
+    """What the curves of a section enclose, in the section's plane coordinates (mm), within REGION_MM of them.
+
+    curves : of the section's loops, in their order.
+    """
+    rings = [section.flatten(found.curve.evaluate(found.curve.sample(REGION_MM)))[:-1] for found in curves]
+    holes: dict[int, list[Floats]] = {}
+    for loop, ring in zip(section.loops, rings, strict=True):
+        if loop.is_hole:
+            holes.setdefault(loop.parent, []).append(ring)
+    parts = [
+        shapely.Polygon(ring, holes.get(number, []))
+        for number, (loop, ring) in enumerate(zip(section.loops, rings, strict=True))
+        if not loop.is_hole
+    ]
+    whole = MultiPolygon(parts)
+    if whole.is_valid:
+        return whole
+    made = shapely.union_all([shapely.make_valid(part, method="structure", keep_collapsed=False) for part in parts])
+    return MultiPolygon([part for part in shapely.get_parts(made) if part.geom_type == "Polygon"])
+
+
+def layer_contours(layer: LayerRegion, mesh: Mesh, style: ContourStyle = ContourStyle()) -> tuple[Contour, ...]:
+    """The outline of what one layer is built from (`layer_contours_many`)."""
+    return layer_contours_many([layer], mesh, style)[0]
+
+
+def layer_contours_many(
+    layers: Sequence[LayerRegion], mesh: Mesh, style: ContourStyle = ContourStyle()
+) -> list[tuple[Contour, ...]]:
+    """The outlines of what each layer is built from, at its lower plane (build frame, mm).
 
     Of one of its sections where that holds all others, with the mesh's own corners; else of their union.
     """
-    for section, area in zip((layer.bottom, layer.top, layer.middle), layer.areas, strict=True):
-        if not is_same(area, layer.region):
+    chosen = [_ruling_section(layer) for layer in layers]
+    curves = section_curves_many([section for section in chosen if section is not None], mesh, style)
+    following = iter(curves)
+    found: list[tuple[Contour, ...]] = []
+    for layer, section in zip(layers, chosen, strict=True):
+        if section is None:
+            found.append(_united_contours(layer))
             continue
         lowered = np.eye(4)
         lowered[2, 3] = layer.z_bottom - section.origin[2]
-        return tuple(
-            Contour(curve.transformed(lowered), loop.is_hole, loop.parent, error)
-            for (curve, error), loop in zip(section_curves(section, mesh), section.loops, strict=True)
+        found.append(
+            tuple(
+                Contour(
+                    item.curve.transformed(lowered),
+                    loop.is_hole,
+                    loop.parent,
+                    item.deviation_mm,
+                    item.smooth_deviation_mm,
+                )
+                for item, loop in zip(next(following), section.loops, strict=True)
+            )
         )
+    return found
+
+
+def _ruling_section(layer: LayerRegion) -> Section | None:
+    """The section of a layer that holds its other sections; None if there is none."""
+    for section, area in zip((layer.bottom, layer.top, layer.middle), layer.areas, strict=True):
+        if is_same(area, layer.region):
+            return section
+    return None
+
+
+def _united_contours(layer: LayerRegion) -> tuple[Contour, ...]:
+    """Contours of the union of a layer's sections; they stand for no smooth surface."""
     lift = np.eye(4)
     lift[2, 3] = layer.z_bottom
-    rings = curves_from_region(layer.region)
-    outlines = [np.asarray(ring.coords) for part in layer.region.geoms for ring in (part.exterior, *part.interiors)]
-    return tuple(
-        Contour(
-            ring.curve.transformed(lift),
-            ring.is_hole,
-            ring.parent,
-            min(deviation(ring.curve, outline[:-1], closed=True) for outline in outlines),
-        )
-        for ring in rings
-    )
+    found = []
+    for ring in curves_from_region(layer.region):
+        curve = ring.curve.transformed(lift)
+        points = ring.curve.evaluate(_sample(ring.curve, np.inf))[:-1]
+        outline = layer.region.boundary
+        shapely.prepare(outline)
+        error = float(shapely.distance(outline, shapely.points(points[:, :2])).max())
+        found.append(Contour(curve, ring.is_hole, ring.parent, error, float("nan")))
+    return tuple(found)

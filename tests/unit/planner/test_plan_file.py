@@ -64,7 +64,7 @@ def test_one_layer_is_read_alone(made: Plan, tmp_path: Path) -> None:
 def test_file_is_hdf5_with_schema_and_units(made: Plan, tmp_path: Path) -> None:
     write_plan(made, tmp_path / "plan.h5")
     with h5py.File(tmp_path / "plan.h5", "r") as file:
-        assert file.attrs["schema"] == 1
+        assert file.attrs["schema"] == 2
         assert file.attrs["sha256"] == plan_sha256(made)
         assert "mm" in file["passes/setpoints"].attrs["unit"]
 
@@ -97,7 +97,7 @@ def test_truncated_file_is_refused_in_one_line(made: Plan, tmp_path: Path, keep:
 
 
 def test_other_version_is_named(made: Plan) -> None:
-    with pytest.raises(FileFormatError, match="version 7, this program reads 1"):
+    with pytest.raises(FileFormatError, match="version 7, this program reads 2"):
         plan_from_bytes(plan_bytes(replace(made, schema=7)))
 
 

@@ -1,0 +1,264 @@
+"""Slice points on the smooth surface: which ones count, where they move to, and the directions of the curve there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.mesh.smooth import STORED, SmoothSurface, bezier_at, edge_curves
+from planner.slicing.section import Section
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+_NEWTON_STEPS = 12
+_FARTHEST = 0.3  # of an edge, along it: edges that meet the plane at so small an angle are left across, in the plane
+_LONGEST_MOVE = 0.5  # of an edge: a point that would move farther stays
+_LEVEL = 1e-3  # sine of the angle between plane and surface below which the curve has no direction
+_STRAIGHT_MM = 1e-5  # points of flat faces that lie this near to the line of their neighbours are dropped
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """All loops of some sections in one table, loop after loop.
+
+    loop, start : (n,) int64, (k+1,) int64      the loop of each point; where each loop begins
+    points, normal : (n, 3) float               mm; the unit normal of each point's plane
+    facets, edges, weights                      as in `Loop`
+    """
+
+    loop: Ints
+    start: Ints
+    points: Floats
+    normal: Floats
+    facets: Ints
+    edges: Ints
+    weights: Floats
+
+    @classmethod
+    def of(cls, sections: Sequence[Section]) -> Outline:
+        """The table of all loops of all sections, in their order."""
+        loops = [loop for section in sections for loop in section.loops]
+        counts = np.array([len(loop.points) for loop in loops], dtype=np.int64)
+        planes = np.array([section.normal for section in sections for _ in section.loops]).reshape(-1, 3)
+        number = np.repeat(np.arange(len(loops)), counts)
+        return cls(
+            number,
+            np.concatenate([[0], np.cumsum(counts)]),
+            np.concatenate([loop.points for loop in loops]) if loops else np.empty((0, 3)),
+            planes[number],
+            np.concatenate([loop.facets for loop in loops]) if loops else np.empty(0, dtype=np.int64),
+            np.concatenate([loop.edges for loop in loops]) if loops else np.empty((0, 2), dtype=np.int64),
+            np.concatenate([loop.weights for loop in loops]) if loops else np.empty(0),
+        )
+
+    @property
+    def before(self) -> Ints:
+        """(n,) int64: the point before each point, cyclically."""
+        previous = np.arange(len(self.loop)) - 1
+        previous[self.start[:-1]] = self.start[1:] - 1
+        return previous
+
+    @property
+    def after(self) -> Ints:
+        """(n,) int64: the point after each point, cyclically."""
+        following = np.arange(len(self.loop)) + 1
+        following[self.start[1:] - 1] = self.start[:-1]
+        return following
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """What a curve is led through, point by point of an Outline.
+
+    points   : (n, 3) float, mm   on the smooth surface and in the plane
+    tangents : (n, 2, 3) float    unit, before and after the point; NaN where the surface tells none
+    corners  : (n,) bool          the contour crosses a crease
+    flat     : (n,) bool          the point lies between facets of one plane and tells nothing
+    """
+
+    points: Floats
+    tangents: Floats
+    corners: Flags
+    flat: Flags
+
+
+def lifted_nodes(outline: Outline, surface: SmoothSurface) -> Nodes:
+    """Every slice point moved to where the curve over its mesh edge meets the plane.
+
+    Points at vertices stay. The tangent is T = b x n, b the plane's normal, n the surface's, interpolated along the
+    edge and made square to it; at creases one on each side. Where an edge meets the plane at a small angle the point
+    moves in the plane, across the contour, instead of along the edge.
+    Raises nothing.  Source: Vlachos et al., Curved PN triangles, I3D 2001.
+    """
+    before = outline.before
+    facet, back = outline.facets, outline.facets[before]
+    edge = _edge_in(surface.mesh.facets[facet], outline.edges)
+    at_vertex = (outline.weights <= 0.0) | (outline.weights >= 1.0) | (edge < 0)
+    points = outline.points.copy()
+    normals = np.full((len(points), 2, 3), np.nan)
+    corners, flat = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+    _at_vertices(outline, surface, np.flatnonzero(at_vertex), back, normals, corners)
+    rows = np.flatnonzero(~at_vertex)
+    facet, edge = facet[rows], edge[rows]
+    corners[rows] = surface.creases[facet, edge]
+    flat[rows] = surface.flats[facet, edge]
+    points[rows], normals[rows] = _on_edges(outline, surface, rows, facet, edge)
+    tangents = np.cross(outline.normal[:, None, :], normals)
+    size = np.linalg.norm(tangents, axis=2)[:, :, None]
+    tangents = np.divide(tangents, size, out=np.full_like(tangents, np.nan), where=size > _LEVEL)
+    return Nodes(_in_order(outline, points), tangents, corners, flat)
+
+
+def _edge_in(corners: Ints, edges: Ints) -> Ints:
+    """Number k of the edge {a, b} in each facet (from its vertex k to k + 1), -1 where it has none: (n,) int64."""
+    following = np.roll(corners, -1, axis=1)
+    low, high = np.minimum(corners, following), np.maximum(corners, following)
+    hit = (low == edges[:, :1]) & (high == edges[:, 1:])
+    return np.where(hit.any(axis=1), hit.argmax(axis=1), -1)
+
+
+def _at_vertices(
+    outline: Outline, surface: SmoothSurface, rows: Ints, back: Ints, normals: Floats, corners: Flags
+) -> None:
+    """Normals before and after each slice point at a mesh vertex, and whether it is a corner; in place."""
+    vertex = np.where(outline.weights[rows] >= 0.5, outline.edges[rows, 1], outline.edges[rows, 0])
+    fans = []
+    for side, facet in enumerate((back[rows], outline.facets[rows])):
+        hit = surface.mesh.facets[facet] == vertex[:, None]
+        has, corner = hit.any(axis=1), hit.argmax(axis=1)
+        normals[rows, side] = np.where(has[:, None], surface.normals[facet, corner], surface.mesh.normals[facet])
+        fans.append(np.where(has, surface.fans[facet, corner], -1 - facet))
+    cosine = np.einsum("nd,nd->n", normals[rows, 0], normals[rows, 1])
+    corners[rows] = (fans[0] != fans[1]) | (cosine < np.cos(surface.crease_rad))
+
+
+def _on_edges(outline: Outline, surface: SmoothSurface, rows: Ints, facet: Ints, edge: Ints) -> tuple[Floats, Floats]:
+    """Points (k, 3) and normals before and after (k, 2, 3) on the curves over the edges of the rows."""
+    bezier, own, other = edge_curves(surface, facet, edge)
+    starts_low = surface.mesh.facets[facet, edge] == outline.edges[rows, 0]
+    weight = np.where(starts_low, outline.weights[rows], 1.0 - outline.weights[rows])
+    plane, raw = outline.normal[rows], outline.points[rows]
+    t = _crossing(np.einsum("nkd,nd->nk", bezier - raw[:, None, :], plane), weight)
+    t = np.where(np.abs(t - weight) <= _FARTHEST, t, weight)
+    point, along = bezier_at(bezier, t)
+    is_crease = surface.creases[facet, edge]
+    normals = _normals_on(surface, facet, edge, np.stack([other, own], axis=1), bezier, t, point, along)
+    point = _back_to_plane(point, raw, plane, normals.mean(axis=1), is_crease)
+    length = np.linalg.norm(bezier[:, 3] - bezier[:, 0], axis=1)
+    too_far = np.linalg.norm(point - raw, axis=1) > _LONGEST_MOVE * length
+    return np.where(too_far[:, None], raw, point), normals
+
+
+def _normals_on(
+    surface: SmoothSurface,
+    facet: Ints,
+    edge: Ints,
+    at_ends: Floats,
+    bezier: Floats,
+    t: Floats,
+    point: Floats,
+    along: Floats,
+) -> Floats:
+    """Unit normals of both sides at points of the curves over edges: (n, 2, 3), the facet across first, then this one.
+
+    at_ends : (n, 2, 2, 3) float   of both sides, at both ends of the edge
+    point, along : (n, 3) float   of the curve at t
+    Linear between the ends, as it is along the chord of a quadric, and turned by the curvature tensor where the curve
+    leaves the chord sideways; square to the curve. Both sides of a smooth edge share their mean.
+    """
+    mate = surface.mesh.adjacency[facet, edge]
+    across = np.where(mate >= 0, mate, facet)
+    share = np.stack([1.0 - t, t], axis=1)[:, None, :, None]
+    normals = (share * at_ends).sum(axis=2)
+    tensors = surface.curvatures[np.stack([across, facet], axis=1)]
+    is_smooth = ~surface.creases[facet, edge]
+    normals[is_smooth] = normals[is_smooth].mean(axis=1, keepdims=True)
+    tensors[is_smooth] = tensors[is_smooth].mean(axis=1, keepdims=True)
+    aside = (point - (1.0 - t)[:, None] * bezier[:, 0] - t[:, None] * bezier[:, 3])[:, None, :]
+    normals += np.einsum("nkij,nkj->nki", tensors, aside - (aside * normals).sum(axis=2, keepdims=True) * normals)
+    slope2 = np.maximum(np.einsum("nd,nd->n", along, along), 1e-300)
+    normals -= (np.einsum("nkd,nd->nk", normals, along) / slope2[:, None])[:, :, None] * along[:, None, :]
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300))
+
+
+def _crossing(height: Floats, start: Floats) -> Floats:
+    """Where cubics in Bézier form cross zero, from a first guess, never outside 0 … 1: (n,) float.
+
+    height : (n, 4) float   of different sign at the ends   start : (n,) float
+    Newton, halving the bracket where it leaves it.
+    """
+    t, low, high = start.copy(), np.zeros(len(start)), np.ones(len(start))
+    rises = height[:, 3] > height[:, 0]
+    for _ in range(_NEWTON_STEPS):
+        value, slope = (array[:, 0] for array in bezier_at(height[:, :, None], t))
+        above = (value > 0.0) == rises
+        high, low = np.where(above, t, high), np.where(above, low, t)
+        with np.errstate(all="ignore"):
+            step = t - value / slope
+        t = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+    return t
+
+
+def _back_to_plane(point: Floats, raw: Floats, plane: Floats, normal: Floats, is_crease: Flags) -> Floats:
+    """Points beside the plane moved into it along the surface, across the contour (on creases: straight).  (k, 3)."""
+    off = np.einsum("nd,nd->n", point - raw, plane)
+    tilt = np.einsum("nd,nd->n", normal, plane)
+    across = plane - tilt[:, None] * normal
+    size2 = np.einsum("nd,nd->n", across, across)
+    use = ~is_crease & (size2 > 0.01)
+    direct = plane * off[:, None]
+    along = across * (off / np.where(use, size2, 1.0))[:, None]
+    return np.asarray(point - np.where(use[:, None], along, direct))
+
+
+def _in_order(outline: Outline, points: Floats) -> Floats:
+    """The points, moved back where the contour would run backwards between two of them."""
+    points = points.copy()
+    after = outline.after
+    for _ in range(3):
+        raw = outline.points[after] - outline.points
+        wrong = np.einsum("nd,nd->n", raw, points[after] - points) <= 0.0
+        if not wrong.any():
+            break
+        for rows in (np.flatnonzero(wrong), after[wrong]):
+            points[rows] = outline.points[rows]
+    return points
+
+
+def kept_nodes(outline: Outline, nodes: Nodes, size_mm: float) -> Flags:
+    """Which points stay: all but those between facets of one plane that lie on the line of their neighbours.
+
+    size_mm : largest coordinate of the mesh, for the rounding of its numbers.   At least three points of a loop stay.
+    """
+    keep = ~nodes.flat | nodes.corners
+    tolerance = max(_STRAIGHT_MM, 4.0 * STORED * size_mm)
+    counts = np.diff(outline.start)
+    few = np.add.reduceat(keep, outline.start[:-1]) < 3 if len(counts) else np.zeros(0, dtype=bool)
+    keep |= few[outline.loop]
+    for _ in range(8):
+        low, high = _kept_neighbours(outline, keep)
+        chord = outline.points[high] - outline.points[low]
+        away = outline.points - outline.points[low]
+        length2 = np.maximum(np.einsum("nd,nd->n", chord, chord), 1e-300)
+        share = np.clip(np.einsum("nd,nd->n", away, chord) / length2, 0.0, 1.0)
+        off = ~keep & (np.linalg.norm(away - share[:, None] * chord, axis=1) > tolerance)
+        if not off.any():
+            break
+        keep |= off
+    return np.asarray(keep)
+
+
+def _kept_neighbours(outline: Outline, keep: Flags) -> tuple[Ints, Ints]:
+    """For every point the kept one at or before it and the kept one after it, within its loop, cyclically."""
+    kept = np.flatnonzero(keep)
+    first_kept = np.searchsorted(kept, outline.start[:-1])
+    last_kept = np.searchsorted(kept, outline.start[1:]) - 1
+    at = np.searchsorted(kept, np.arange(len(keep)), side="right") - 1
+    low = np.where(at < first_kept[outline.loop], last_kept[outline.loop], at)
+    high = np.where(at + 1 > last_kept[outline.loop], first_kept[outline.loop], at + 1)
+    return kept[low], kept[high]
