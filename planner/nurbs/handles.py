@@ -1,18 +1,46 @@
-"""How far the inner Bézier points lie along the tangents: equal speed (paper Eq. 5) or matched curvature."""
+"""How far the inner Bézier points lie along the tangents: equal speed (paper Eq. 5) or matched curvature, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from planner.nurbs.segments import Chords
+from planner.nurbs.tangents import (
+    BEND_X,
+    BEND_Y,
+    BEND_Z,
+    CHORD_X,
+    CHORD_Y,
+    CHORD_Z,
+    GIVEN,
+    HANDLE_END,
+    HANDLE_START,
+    LENGTH,
+    RATING,
+    TANGENT_X,
+    TANGENT_Y,
+    TANGENT_Z,
+    TURN_X,
+    TURN_Y,
+    TURN_Z,
+)
 
 Floats = NDArray[np.float64]
 
-_NEWTON_STEPS = 25
+_NEWTON_STEPS = 3
 _CONVERGED = 1e-8  # share of the chord
-_HANDLE_RANGE = (0.15, 0.7)  # share of the chord outside which a handle belongs to another branch of the solution
+_HANDLE_LOW, _HANDLE_HIGH = 0.15, 0.7  # share of the chord outside which a handle is of another branch of the solution
 _SMOOTH_CHANGE = 0.5  # largest share by which curvature may differ between the ends of a piece for both to be matched
+_TINY = 1e-300
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _speed(square: float, along: float, length2: float) -> float:  # pragma: no cover - compiled
+    """The positive root of square alpha² + 12 along alpha - 36 length2 = 0, without cancellation."""
+    root = np.sqrt(along * along + square * length2)
+    forward = 6.0 * length2 / (root + max(along, 0.0))
+    return forward if along >= 0.0 else 6.0 * (root - along) / square
 
 
 def equal_speed(chord: Floats, tangent_start: Floats, tangent_end: Floats) -> Floats:
@@ -31,103 +59,123 @@ def equal_speed(chord: Floats, tangent_start: Floats, tangent_end: Floats) -> Fl
     return np.asarray(np.where(along >= 0.0, forward, 6.0 * (root - along) / square))
 
 
-def matched_curvature(chords: Chords, tangent_start: Floats, tangent_end: Floats) -> tuple[Floats, Floats]:
-    """Handle lengths (S,), (S,) that reproduce the data's curvature at both ends; equal speed where that fails.
+@njit(cache=True, error_model="numpy", nogil=True)
+def speed_handles(w: Floats, count: int) -> None:  # pragma: no cover - compiled
+    """HANDLE_START = HANDLE_END = alpha / 3 of the chords 2 ... count + 1 of a block (see `equal_speed`).
 
+    w, count : as `tangents.measure_chords`.   Source: paper Eqs. 5-7 as corrected; Piegl & Tiller Eq. 9.50.
+    """
+    for j in range(count):
+        length = w[LENGTH + j + 2]
+        x = w[TANGENT_X + j + 1] + w[TANGENT_X + j + 2]
+        y = w[TANGENT_Y + j + 1] + w[TANGENT_Y + j + 2]
+        z = w[TANGENT_Z + j + 1] + w[TANGENT_Z + j + 2]
+        along = w[CHORD_X + j + 2] * x + w[CHORD_Y + j + 2] * y + w[CHORD_Z + j + 2] * z
+        third = _speed(16.0 - (x * x + y * y + z * z), along, length * length) / 3.0
+        w[HANDLE_START + j + 2] = third
+        w[HANDLE_END + j + 2] = third
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _quadratic_weights(
+    s0: float, s1: float, s2: float, s3: float, s4: float
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Weights of the circles through (s0, s1, s2), (s1, s2, s3), (s2, s3, s4) for the curvature at s = 0.
+
+    kappa is quadratic in arc length with the circles as its divided differences, for which kappa = 1, s, s² give
+    1, (a+b+c)/3 and (a²+b²+c²+ab+bc+ca)/6.
+    """
+    m0, m1, m2 = (s0 + s1 + s2) / 3.0, (s1 + s2 + s3) / 3.0, (s2 + s3 + s4) / 3.0
+    v0 = (s0 * (s0 + s1 + s2) + s1 * (s1 + s2) + s2 * s2) / 6.0
+    v1 = (s1 * (s1 + s2 + s3) + s2 * (s2 + s3) + s3 * s3) / 6.0
+    v2 = (s2 * (s2 + s3 + s4) + s3 * (s3 + s4) + s4 * s4) / 6.0
+    a, b, c = m1 * v2 - m2 * v1, m2 * v0 - m0 * v2, m0 * v1 - m1 * v0
+    scale = 1.0 / (a + b + c)
+    return a * scale, b * scale, c * scale
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def five_point_curvatures(w: Floats, count: int) -> None:  # pragma: no cover - compiled
+    """TURN_* = curvature times unit binormal at the joints 1 ... count + 1 of a block, 1/mm.
+
+    w, count : as `tangents.measure_chords`   From the circles through three neighbours each, before, around and after
+    the point: each exact on a circle, together fourth order.
+    Source: the quartic through five points by finite differences.
+    """
+    for j in range(count + 1):
+        bx, by, bz = w[BEND_X + j + 1], w[BEND_Y + j + 1], w[BEND_Z + j + 1]
+        bend = (bx * bx + by * by + bz * bz) / 24.0
+        a, b, c, d = w[LENGTH + j], w[LENGTH + j + 1], w[LENGTH + j + 2], w[LENGTH + j + 3]
+        a, b, c, d = a + a * bend * a * a, b + b * bend * b * b, c + c * bend * c * c, d + d * bend * d * d
+        before, around, after = _quadratic_weights(-a - b, -b, 0.0, c, c + d)
+        w[TURN_X + j + 1] = before * w[BEND_X + j] + around * bx + after * w[BEND_X + j + 2]
+        w[TURN_Y + j + 1] = before * w[BEND_Y + j] + around * by + after * w[BEND_Y + j + 2]
+        w[TURN_Z + j + 1] = before * w[BEND_Z + j] + around * bz + after * w[BEND_Z + j + 2]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def end_curvature(w: Floats, joint: int, step: int, place: int) -> None:  # pragma: no cover - compiled
+    """TURN_* beside a free end, from the five points nearest to it (one-sided).
+
+    joint : where it is wanted   step : 1 at the start of a run, -1 at its end
+    place : 0 at the free end itself, 1 at the next point
+    """
+    first = joint + step * (1 - place)  # the joint of the circle through the first three points
+    chord = first if step > 0 else first + 1
+    a, b = w[LENGTH + chord], w[LENGTH + chord + step]
+    c, d = w[LENGTH + chord + 2 * step], w[LENGTH + chord + 3 * step]
+    bx, by, bz = w[BEND_X + first], w[BEND_Y + first], w[BEND_Z + first]
+    bend = (bx * bx + by * by + bz * bz) / 24.0
+    a, b, c, d = a + a * bend * a * a, b + b * bend * b * b, c + c * bend * c * c, d + d * bend * d * d
+    origin = a if place == 1 else 0.0
+    near, middle, far = _quadratic_weights(-origin, a - origin, a + b - origin, a + b + c - origin, a + b + c + d - origin)
+    for axis in range(3):
+        row = BEND_X + axis * (BEND_Y - BEND_X) + first
+        w[TURN_X + axis * (TURN_Y - TURN_X) + joint] = near * w[row] + middle * w[row + step] + far * w[row + 2 * step]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compiled
+    """Handle lengths of the chords 2 ... count + 1 that reproduce TURN_* at both ends; elsewhere they stay as they are.
+
+    w, count : as `tangents.measure_chords`, after `speed_handles`.
     With a = P3 - P0, P1 = P0 + d0 T0, P2 = P3 - d1 T3:
-    1.5 k0 d0² = T0 x a - d1 (T0 x T3), 1.5 k1 d1² = a x T3 - d0 (T0 x T3), Newton from |a|/3. Their difference is
-    nearly singular: where Newton finds no small root, or curvature changes fast, d0 = d1 from their sum. A piece keeps
-    equal speed where it touches a corner or open end, and where curvature changes sign.
+    1.5 k0 d0² = T0 x a - d1 (T0 x T3), 1.5 k1 d1² = a x T3 - d0 (T0 x T3), Newton from the even handles d0 = d1 that
+    solve their sum. Their difference is nearly singular: where Newton finds no small root, or curvature changes fast,
+    the even ones stand. All cross products are taken along the sum of both ends' binormals.
     Source: de Boor, Höllig, Sabin, High accuracy geometric Hermite interpolation, CAGD 4 (1987).
     """
-    vectors = chords.vectors
-    length = np.linalg.norm(vectors, axis=1)
-    third = equal_speed(vectors, tangent_start, tangent_end) / 3.0
-    normal, curvature_end = _curvature_at_ends(chords)
-    smooth = (chords.follows >= 0) & (chords.precedes >= 0)
-    before = np.where(smooth, chords.precedes, 0)
-    k0, k1 = curvature_end[before], curvature_end
-    sense = np.where(np.einsum("ij,ij->i", normal[before], normal) < 0.0, -1.0, 1.0)
-    k0 = k0 * sense
-    cross_start = _signed(tangent_start, vectors, normal)
-    cross_end = _signed(vectors, tangent_end, normal)
-    cross_both = _signed(tangent_start, tangent_end, normal)
-    d0, d1 = length / 3.0, length / 3.0
-    change = np.full(len(length), np.inf)
-    with np.errstate(all="ignore"):
+    for j in range(count):
+        length = w[LENGTH + j + 2]
+        ax, ay, az = w[CHORD_X + j + 2], w[CHORD_Y + j + 2], w[CHORD_Z + j + 2]
+        tx, ty, tz = w[TANGENT_X + j + 1], w[TANGENT_Y + j + 1], w[TANGENT_Z + j + 1]
+        ux, uy, uz = w[TANGENT_X + j + 2], w[TANGENT_Y + j + 2], w[TANGENT_Z + j + 2]
+        nx, ny, nz = w[TURN_X + j + 1], w[TURN_Y + j + 1], w[TURN_Z + j + 1]
+        mx, my, mz = w[TURN_X + j + 2], w[TURN_Y + j + 2], w[TURN_Z + j + 2]
+        bx, by, bz = nx + mx, ny + my, nz + mz
+        k0 = 1.5 * length * length * (nx * bx + ny * by + nz * bz)
+        k1 = 1.5 * length * length * (mx * bx + my * by + mz * bz)
+        cross0 = (ty * az - tz * ay) * bx + (tz * ax - tx * az) * by + (tx * ay - ty * ax) * bz
+        cross1 = (ay * uz - az * uy) * bx + (az * ux - ax * uz) * by + (ax * uy - ay * ux) * bz
+        both = length * ((ty * uz - tz * uy) * bx + (tz * ux - tx * uz) * by + (tx * uy - ty * ux) * bz)
+        total, cross = k0 + k1, cross0 + cross1
+        even = cross / max(both + np.sqrt(max(both * both + total * cross, 0.0)), _TINY)
+        d0, d1, change = even, even, 1.0
         for _ in range(_NEWTON_STEPS):
-            first = 1.5 * k0 * d0**2 - cross_start + d1 * cross_both
-            second = 1.5 * k1 * d1**2 - cross_end + d0 * cross_both
-            a, b = 3.0 * k0 * d0, 3.0 * k1 * d1
-            determinant = a * b - cross_both**2
-            step0 = (first * b - second * cross_both) / determinant
-            step1 = (second * a - first * cross_both) / determinant
+            first = k0 * d0 * d0 - cross0 + d1 * both
+            second = k1 * d1 * d1 - cross1 + d0 * both
+            a, b = 2.0 * k0 * d0, 2.0 * k1 * d1
+            scale = 1.0 / (a * b - both * both)
+            step0 = (first * b - second * both) * scale
+            step1 = (second * a - first * both) * scale
             d0, d1 = d0 - step0, d1 - step1
-            change = np.maximum(np.abs(step0), np.abs(step1))
-        good = smooth & (k0 * k1 > 0.0) & (change <= _CONVERGED * length)
-        good &= np.abs(k0 - k1) <= _SMOOTH_CHANGE * np.maximum(np.abs(k0), np.abs(k1))
-        for handle in (d0, d1):
-            good &= (handle > _HANDLE_RANGE[0] * length) & (handle < _HANDLE_RANGE[1] * length)
-        even = _even_handle(k0 + k1, cross_start + cross_end, cross_both)
-        fair = (
-            ~good & smooth & (k0 * k1 > 0.0) & (even > _HANDLE_RANGE[0] * length) & (even < _HANDLE_RANGE[1] * length)
-        )
-    third = np.where(fair, even, third)
-    return np.where(good, d0, third), np.where(good, d1, third)
-
-
-def _even_handle(bend: Floats, cross: Floats, cross_both: Floats) -> Floats:
-    """The positive root of 1.5 bend d² + 2 cross_both d - cross = 0: both equations' sum with d0 = d1 = d."""
-    root = np.sqrt(cross_both**2 + 1.5 * bend * cross)
-    return np.asarray(cross / (cross_both + np.copysign(root, cross_both)))
-
-
-def _curvature_at_ends(chords: Chords) -> tuple[Floats, Floats]:
-    """Unit normal of the osculating plane (S, 3) and signed curvature (S,) at every chord's end.
-
-    From five points: the circles through three neighbours each (before, around and after the point) give three
-    values, each exact on a circle; kappa is taken as quadratic in arc length s with these as its divided differences,
-    for which kappa = 1, s, s² give 1, (s0+s1+s2)/3 and (sum of si sj, i <= j)/6. Fourth order. 0 where there are no
-    five smooth points.
-    """
-    own = np.arange(len(chords.start))
-    after = chords.follows
-    beyond = np.where(after >= 0, after[after], -1)
-    known = (chords.precedes >= 0) & (after >= 0) & (beyond >= 0)
-    before, after, beyond = (np.where(known, rows, own) for rows in (chords.precedes, after, beyond))
-    vectors = _in_space(chords.vectors)
-    length = np.linalg.norm(vectors, axis=1)
-    follower = np.where(chords.follows >= 0, chords.follows, own)
-    third_side = np.linalg.norm(vectors + vectors[follower], axis=1)
-    product = np.maximum(length * length[follower] * third_side, 1e-300)
-    circle = 2.0 * np.cross(vectors, vectors[follower]) / product[:, None]
-    bend = np.linalg.norm(circle, axis=1)
-    reach = length * (1.0 + (bend * length) ** 2 / 24.0)
-    zero = np.zeros(len(own))
-    places = [-reach[own] - reach[before], -reach[own], zero, reach[after], reach[after] + reach[beyond]]
-    system = np.empty((len(own), 3, 3))
-    for row in range(3):
-        a, b, c = places[row : row + 3]
-        system[:, row] = np.column_stack(
-            [zero + 1.0, (a + b + c) / 3.0, (a * a + b * b + c * c + a * b + b * c + c * a) / 6.0]
-        )
-    scale = np.maximum(reach, 1e-300)
-    system[:, :, 1] /= scale[:, None]
-    system[:, :, 2] /= scale[:, None] ** 2
-    system[~known] = np.eye(3)
-    values = np.stack([circle[before], circle[own], circle[after]], axis=1)
-    turning = np.linalg.solve(system, values)[:, 0]
-    flat = np.broadcast_to([0.0, 0.0, 1.0], turning.shape)
-    size = np.linalg.norm(turning, axis=1)[:, None]
-    normal = np.where(size > 0.0, turning / np.where(size > 0.0, size, 1.0), flat)
-    if chords.points.shape[1] == 2:
-        normal = np.array(flat)
-    return normal, np.where(known, np.einsum("ij,ij->i", turning, normal), 0.0)
-
-
-def _in_space(vectors: Floats) -> Floats:
-    return vectors if vectors.shape[1] == 3 else np.column_stack([vectors, np.zeros(len(vectors))])
-
-
-def _signed(first: Floats, second: Floats, normal: Floats) -> Floats:
-    return np.asarray(np.einsum("ij,ij->i", np.cross(_in_space(first), _in_space(second)), normal))
+            change = max(abs(step0), abs(step1))
+        curved = (k0 > 0.0) & (k1 > 0.0)
+        fair = curved & (even > _HANDLE_LOW) & (even < _HANDLE_HIGH)
+        lower, upper = min(d0, d1), max(d0, d1)
+        good = curved & (change <= _CONVERGED) & (lower > _HANDLE_LOW) & (upper < _HANDLE_HIGH)
+        good &= abs(k0 - k1) <= _SMOOTH_CHANGE * max(k0, k1)
+        d0 = d0 if good else even
+        d1 = d1 if good else even
+        w[HANDLE_START + j + 2] = d0 * length if good | fair else w[HANDLE_START + j + 2]
+        w[HANDLE_END + j + 2] = d1 * length if good | fair else w[HANDLE_END + j + 2]

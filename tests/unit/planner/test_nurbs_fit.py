@@ -75,7 +75,7 @@ def test_curvature_handles_are_not_worse_on_a_coarse_ellipse() -> None:
 @pytest.mark.parametrize("closed", [True, False])
 def test_smooth_contour_has_2n_plus_2_control_points_and_2n_plus_6_knots(closed: bool) -> None:
     points = ellipse_points(37)
-    curve = interpolate(points, closed=closed)
+    curve = interpolate(points, closed=closed, handles="speed")
     pieces = 37 if closed else 36
     assert len(curve.control_points) == 2 * pieces + 2
     assert len(curve.knots) == 2 * pieces + 6
@@ -85,7 +85,7 @@ def test_smooth_contour_has_2n_plus_2_control_points_and_2n_plus_6_knots(closed:
 def test_speed_is_equal_at_joints_and_midpoints() -> None:
     rng = np.random.default_rng(5)
     t = np.sort(rng.uniform(0.0, 2.0 * np.pi, 60))
-    curve = interpolate(np.column_stack([30 * np.cos(t), 10 * np.sin(t), 3 * np.sin(2 * t)]), closed=True)
+    curve = interpolate(np.column_stack([30 * np.cos(t), 10 * np.sin(t), 3 * np.sin(2 * t)]), closed=True, handles="speed")
     edges = curve.breaks
     places = np.concatenate([edges, 0.5 * (edges[1:] + edges[:-1])])
     speeds = np.linalg.norm(curve.derivatives(places, 1)[1], axis=1)
@@ -115,7 +115,7 @@ def test_curve_goes_through_its_points_with_no_kink_at_the_seam() -> None:
 
 def test_square_with_corners_stays_exactly_square() -> None:
     square = densify([[0, 0], [10, 0], [10, 10], [0, 10]], 1.0, closed=True)
-    curve = interpolate(square, closed=True, corners=by_turning_angle(square, 30.0))
+    curve = interpolate(square, closed=True, corners=by_turning_angle(square, 30.0), handles="speed")
     x, y = curve.evaluate(FINE).T
     assert np.minimum.reduce([abs(x), abs(x - 10), abs(y), abs(y - 10)]).max() <= 1e-9
     reached, _ = closest_points(curve, [[10.0, 10.0], [0.0, 10.0]])
