@@ -7,7 +7,8 @@ import numpy as np
 
 from planner.errors import MeshError
 from planner.mesh.findings import Finding, place_text
-from planner.mesh.mesh import Floats, Ints, Mesh, unique_vertices
+from planner.mesh.mesh import Floats, Ints, Mesh
+from planner.mesh.weld import unique_vertices
 from planner.mesh.winding import body_of_facet, containing_bodies
 
 OVERLAP_FRACTION = 1e-9

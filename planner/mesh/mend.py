@@ -10,11 +10,13 @@ from scipy.spatial import cKDTree
 from planner.errors import MeshError
 from planner.mesh.adjacency import CROWDED, OPEN, pair_half_edges
 from planner.mesh.bodies import unite_bodies
+from planner.mesh.facets import collapsed_mask
 from planner.mesh.findings import Finding, counted, place_text
 from planner.mesh.holes import close_holes
-from planner.mesh.mesh import Floats, Ints, Mesh, unique_vertices
+from planner.mesh.mesh import Floats, Ints, Mesh
 from planner.mesh.selfcross import crossing_facets
 from planner.mesh.slivers import flip_slivers
+from planner.mesh.weld import unique_vertices
 from planner.mesh.winding import agree_winding, turn_outward
 
 WELD_FRACTION = 1e-6
@@ -57,7 +59,7 @@ def _compact(mesh: Mesh) -> Mesh:
 def _without_collapsed(mesh: Mesh, findings: list[Finding]) -> tuple[Mesh, list[Finding]]:
     """Remove facets that name a vertex twice."""
     facets = mesh.facets
-    collapsed = (facets == np.roll(facets, -1, axis=1)).any(axis=1)
+    collapsed = collapsed_mask(facets)
     if not collapsed.any():
         return mesh, findings
     if collapsed.all():

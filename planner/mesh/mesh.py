@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner.errors import MeshError
 from planner.mesh import adjacency as half_edges
+from planner.mesh import facets as kernels
+from planner.mesh.weld import unique_vertices
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -72,13 +74,12 @@ class Mesh:
     @cached_property
     def area_vectors(self) -> Floats:
         """(m, 3) float, mm²: outward normal times area of each facet."""
-        corners = self.corners
-        return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        return kernels.area_vectors_of(self.vertices, self.facets)
 
     @cached_property
     def areas(self) -> Floats:
         """(m,) float, mm²."""
-        return np.asarray(np.linalg.norm(self.area_vectors, axis=1))
+        return kernels.lengths_of(self.area_vectors)
 
     @cached_property
     def normals(self) -> Floats:
@@ -89,17 +90,14 @@ class Mesh:
     @cached_property
     def centroids(self) -> Floats:
         """(m, 3) float, mm."""
-        return np.asarray(self.corners.mean(axis=1))
+        return kernels.centroids_of(self.vertices, self.facets)
 
     @cached_property
     def bounds(self) -> Floats:
         """(2, 3) float, mm: lowest and highest corner of the box around the facets. Raises MeshError if empty."""
         if not len(self.facets):
             raise MeshError("the mesh holds no facets", "export the model again")
-        is_used = np.zeros(len(self.vertices), dtype=bool)
-        is_used[self.facets.ravel()] = True
-        used = self.vertices[is_used]
-        return np.array([used.min(axis=0), used.max(axis=0)])
+        return kernels.bounds_of(self.vertices, self.facets)
 
     @cached_property
     def size(self) -> Floats:
@@ -169,26 +167,6 @@ class Mesh:
             raise MeshError("a mesh transform must be a finite (4, 4) affine matrix", "pass rotation and translation")
         facets = self.facets[:, ::-1] if np.linalg.det(affine[:3, :3]) < 0.0 else self.facets
         return Mesh(self.vertices @ affine[:3, :3].T + affine[:3, 3], facets)
-
-
-def unique_vertices(vertices: Floats) -> tuple[Floats, Ints]:
-    """Merge vertices with exactly equal coordinates, in order of first appearance.
-
-    vertices : (n, 3) float.  Returns (k, 3) float and, for each of the n, its number among the k.
-    """
-    plain = np.ascontiguousarray(vertices + 0.0)
-    order = np.lexsort(plain.T) if len(plain) else np.empty(0, dtype=np.int64)
-    step = np.empty(len(plain), dtype=bool)
-    step[:1] = True
-    step[1:] = (plain[order[1:]] != plain[order[:-1]]).any(axis=1)
-    group = np.empty(len(plain), dtype=np.int64)
-    group[order] = np.cumsum(step) - 1
-    first = np.full(int(step.sum()), len(plain), dtype=np.int64)
-    np.minimum.at(first, group, np.arange(len(plain)))
-    rank = np.empty(len(first), dtype=np.int64)
-    by_appearance = np.argsort(first)
-    rank[by_appearance] = np.arange(len(first))
-    return plain[first[by_appearance]], rank[group]
 
 
 def mesh_of(source: Any) -> Mesh:

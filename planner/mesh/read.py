@@ -9,6 +9,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from planner.errors import MeshError
+from planner.mesh.facets import bounds_of
 from planner.mesh.findings import place_text
 
 Floats = NDArray[np.float64]
@@ -48,8 +49,8 @@ def read_geometry(data: bytes, suffix: str, units: str) -> tuple[Floats, Ints]:
     if not len(facets):
         raise MeshError(f"the {kind[1:].upper()} file holds no facets", "export a solid, not points or curves")
     _refuse_bad_numbers(vertices, facets)
-    scaled = vertices * MM_PER_UNIT[units]
-    _refuse_absurd_size(scaled[facets.ravel()], units)
+    scaled = vertices if units == "mm" else vertices * MM_PER_UNIT[units]
+    _refuse_absurd_size(bounds_of(scaled, facets), units)
     return scaled, facets
 
 
@@ -140,6 +141,8 @@ def _read_with_trimesh(data: bytes, kind: str, units: str) -> tuple[Floats, Ints
 
 def _refuse_bad_numbers(vertices: Floats, facets: Ints) -> None:
     """Raise MeshError if a corner of a facet is NaN or infinite."""
+    if np.isfinite(vertices).all():
+        return
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(vertices).all(axis=1))[facets]
     bad = np.flatnonzero(~finite.all(axis=1))
     if len(bad):
@@ -152,9 +155,9 @@ def _refuse_bad_numbers(vertices: Floats, facets: Ints) -> None:
         )
 
 
-def _refuse_absurd_size(points: Floats, units: str) -> None:
-    """Raise MeshError if the part's largest extent (points (k, 3) mm) cannot be meant."""
-    size = points.max(axis=0) - points.min(axis=0)
+def _refuse_absurd_size(bounds: Floats, units: str) -> None:
+    """Raise MeshError if the part's largest extent, bounds (2, 3) mm, cannot be meant."""
+    size = bounds[1] - bounds[0]
     text = " x ".join(f"{value:.4g}" for value in size)
     if size.max() > MAX_EXTENT_MM:
         raise MeshError(f"the part is {text} mm, larger than {MAX_EXTENT_MM:g} mm", f"are its numbers in {units}?")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planner.mesh.facets import boxes_of
 from planner.mesh.mesh import Floats, Ints, Mesh
 
 DEPTH_FRACTION = 2e-6
@@ -21,7 +22,7 @@ def crossing_facets(mesh: Mesh) -> tuple[Ints, Floats, bool]:
     Returns (k, 2) int64 facets, (k, 3) float mm, a point of each crossing, and whether the check was completed.
     Facets that share an edge, touch, or lie in one plane do not count.
     """
-    low, high = mesh.corners.min(axis=1), mesh.corners.max(axis=1)
+    low, high = boxes_of(mesh.vertices, mesh.facets)
     width = (high - low).mean(axis=0) + 1e-300
     across, along, _ = np.argsort(-mesh.size / width, kind="stable").tolist()
     count = int(np.clip(mesh.size[across] / (2.0 * width[across]), 1, _MAX_STRIPS))
@@ -92,6 +93,7 @@ def _sweep(
     """
     pairs = np.empty((16, 2), np.int64)
     places = np.empty((16, 3), np.float64)
+    place = np.empty(3, np.float64)
     count = 0
     comparisons = 0
     for s in range(start.shape[0] - 1):
@@ -102,9 +104,8 @@ def _sweep(
                 if low[g, along] > high[f, along]:
                     break
                 comparisons += 1
-                if max(first[f], first[g]) != s or _boxes_apart(low, high, f, g) or _shared_corners(facets, f, g) >= 2:
+                if _boxes_apart(low, high, f, g) or max(first[f], first[g]) != s or _shared_corners(facets, f, g) >= 2:
                     continue
-                place = np.empty(3, np.float64)
                 if not (
                     _edges_pierce(vertices, facets, normals, f, g, depth_mm, place)
                     or _edges_pierce(vertices, facets, normals, g, f, depth_mm, place)
@@ -122,22 +123,37 @@ def _sweep(
 
 
 @njit(cache=True)
+def _over(vertices: Floats, v: int, base: int, nx: float, ny: float, nz: float) -> float:
+    """Height of vertex v over vertex base along a normal, mm."""
+    return float(
+        (vertices[v, 0] - vertices[base, 0]) * nx
+        + (vertices[v, 1] - vertices[base, 1]) * ny
+        + (vertices[v, 2] - vertices[base, 2]) * nz
+    )
+
+
+@njit(cache=True)
 def _edges_pierce(
     vertices: Floats, facets: Ints, normals: Floats, f: int, g: int, depth_mm: float, place: Floats
 ) -> bool:
     """Whether an edge of facet f passes through facet g, deeper than depth_mm on both sides and within its rim."""
-    n = normals[g]
-    base = vertices[facets[g, 0]]
+    nx, ny, nz = normals[g, 0], normals[g, 1], normals[g, 2]
+    base = facets[g, 0]
+    height = (
+        _over(vertices, facets[f, 0], base, nx, ny, nz),
+        _over(vertices, facets[f, 1], base, nx, ny, nz),
+        _over(vertices, facets[f, 2], base, nx, ny, nz),
+    )
+    if max(height) <= depth_mm or min(height) >= -depth_mm:
+        return False
     for j in range(3):
-        p = vertices[facets[f, j]]
-        q = vertices[facets[f, (j + 1) % 3]]
-        hp = (p[0] - base[0]) * n[0] + (p[1] - base[1]) * n[1] + (p[2] - base[2]) * n[2]
-        hq = (q[0] - base[0]) * n[0] + (q[1] - base[1]) * n[1] + (q[2] - base[2]) * n[2]
+        p, q = facets[f, j], facets[f, j + 1 if j < 2 else 0]
+        hp, hq = height[j], height[j + 1 if j < 2 else 0]
         if not ((hp > depth_mm and hq < -depth_mm) or (hp < -depth_mm and hq > depth_mm)):
             continue
         t = hp / (hp - hq)
         for axis in range(3):
-            place[axis] = p[axis] + t * (q[axis] - p[axis])
+            place[axis] = vertices[p, axis] + t * (vertices[q, axis] - vertices[p, axis])
         inside = True
         for k in range(3):
             a = vertices[facets[g, k]]
@@ -146,7 +162,7 @@ def _edges_pierce(
             rx, ry, rz = place[0] - a[0], place[1] - a[1], place[2] - a[2]
             # distance inward of the rim edge: (n x e) . r / |e|
             inward = (
-                (n[1] * ez - n[2] * ey) * rx + (n[2] * ex - n[0] * ez) * ry + (n[0] * ey - n[1] * ex) * rz
+                (ny * ez - nz * ey) * rx + (nz * ex - nx * ez) * ry + (nx * ey - ny * ex) * rz
             ) / np.sqrt(ex * ex + ey * ey + ez * ez)
             if inward < depth_mm:
                 inside = False

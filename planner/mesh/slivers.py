@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner.mesh.facets import flat_mask
 from planner.mesh.findings import Finding, counted
 from planner.mesh.mesh import Floats, Ints, Mesh
 
@@ -16,10 +17,7 @@ _MAX_ROUNDS = 8
 
 def flat_facets(vertices: Floats, facets: Ints, diagonal: float) -> Ints:
     """Numbers of the facets whose height over their longest edge is below FLAT_FRACTION of the diagonal (mm)."""
-    corners = vertices[facets]
-    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
-    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return np.flatnonzero(doubled <= FLAT_FRACTION * diagonal * longest)
+    return np.flatnonzero(flat_mask(vertices, facets, FLAT_FRACTION * diagonal))
 
 
 def flip_slivers(mesh: Mesh) -> tuple[Mesh, list[Finding]]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from planner.errors import MeshError
 from planner.mesh.adjacency import SAME_DIRECTION
+from planner.mesh.facets import pieces_of
 from planner.mesh.findings import Finding, place_text
 from planner.mesh.mesh import Floats, Ints, Mesh
 
@@ -82,14 +81,7 @@ def _turn(facets: Ints, which: NDArray[np.bool_]) -> Ints:
 
 def body_of_facet(mesh: Mesh) -> Ints:
     """(m,) int64: number of the connected closed surface that each facet belongs to, in order of first facet."""
-    count = len(mesh.facets)
-    rows, slots = np.nonzero(mesh.adjacency >= 0)
-    links = coo_matrix((np.ones(len(rows)), (rows, mesh.adjacency[rows, slots])), shape=(count, count))
-    _, label = connected_components(links, directed=False)
-    _, first = np.unique(label, return_index=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return np.asarray(rank[label])
+    return pieces_of(mesh.across)[0]
 
 
 def solid_angle_turns(corners: Floats, point: Floats) -> float:
