@@ -121,6 +121,7 @@ def fit_loops(loops: Sequence[Floats], tolerance_mm: float) -> list[Curve]:
             closed=True,
             corners=[thinned[i].corner for i in waiting],
             tangents=[thinned[i].tangents for i in waiting],
+            handles="speed",
         )
         still = []
         for index, curve in zip(waiting, fitted, strict=True):
