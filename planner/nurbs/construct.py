@@ -49,10 +49,12 @@ def circle(centre: ArrayLike, radius_mm: float) -> Curve:
     return arc(middle, np.eye(len(middle))[0], np.eye(len(middle))[1], radius_mm, 0.0, 2.0 * math.pi)
 
 
-def join(curves: Sequence[Curve], gap_tolerance_mm: float = 1e-6) -> Curve:
+def join(curves: Sequence[Curve], gap_tolerance_mm: float = 1e-6, smooth_within_mm: float | None = None) -> Curve:
     """One curve that runs through all of them in order; degrees are raised to the highest, joints are C0 knots.
 
     The domain starts at the first curve's start; each curve keeps the width of its domain.
+    smooth_within_mm : if given, knots at the joints are removed again as long as the curve moves less than this, so
+                       that joining what `Curve.split` cut gives the curve that was split.
     Raises FitError if an end does not meet the next start within the tolerance, or if there is no curve.
     """
     if not curves:
@@ -60,6 +62,7 @@ def join(curves: Sequence[Curve], gap_tolerance_mm: float = 1e-6) -> Curve:
     degree = max(curve.degree for curve in curves)
     rational = any(curve.weights is not None for curve in curves)
     knots, rows = np.empty(0), np.empty((0, curves[0].dimension + rational))
+    joints: list[float] = []
     for index, curve in enumerate(curve.with_degree(degree) for curve in curves):
         own = curve.homogeneous
         if rational and curve.weights is None:
@@ -73,6 +76,10 @@ def join(curves: Sequence[Curve], gap_tolerance_mm: float = 1e-6) -> Curve:
         gap = float(np.abs(curve.control_points[0] - reached).max())
         if gap > gap_tolerance_mm:
             raise FitError(f"curve {index} starts {gap:.3g} mm from the end of the one before it")
-        knots = np.concatenate([knots[:-1], curve.knots[degree + 1 :] - curve.knots[0] + knots[-1]])
+        joints.append(knots[-1])
+        further = curve.knots[degree + 1 :]
+        further = further if curve.knots[0] == knots[-1] else further - curve.knots[0] + knots[-1]
+        knots = np.concatenate([knots[:-1], further])
         rows = np.vstack([rows, own[1:]])
-    return Curve.from_homogeneous(degree, knots, rows, rational)
+    joined = Curve.from_homogeneous(degree, knots, rows, rational)
+    return joined if smooth_within_mm is None else joined.without_knots(smooth_within_mm, only=joints)[0]

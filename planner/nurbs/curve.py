@@ -15,6 +15,7 @@ from planner.nurbs.bezier import BezierPieces
 from planner.nurbs.bounds import boxes_of_pieces
 from planner.nurbs.closest import ClosestTree
 from planner.nurbs.evaluation import fill_derivatives, fill_points, outside
+from planner.nurbs.removal import remove_knots
 from planner.nurbs.sampling import parameters_within
 
 Floats = NDArray[np.float64]
@@ -210,6 +211,17 @@ class Curve:
         added = np.atleast_1d(np.asarray(values, dtype=np.float64))
         knots, rows = knot_work.insert_knots(self.degree, self.knots, self.homogeneous, added)
         return Curve.from_homogeneous(self.degree, knots, rows, self.weights is not None)
+
+    def without_knots(self, tolerance_mm: float, only: ArrayLike | None = None) -> tuple[Curve, float]:
+        """The curve with fewer knots, and how far it has moved at most (proven, at equal parameter).
+
+        tolerance_mm : >= 0, how far it may move   only : the knots that may go (default: all inner ones)
+        Raises ValueError if the tolerance is negative. Source: Piegl & Tiller A5.8, A9.9; see `removal.remove_knots`.
+        """
+        rational = self.weights is not None
+        net = self.homogeneous[:, None, :]
+        knots, net, bound = remove_knots(self.degree, self.knots, net, tolerance_mm, rational, only)
+        return Curve.from_homogeneous(self.degree, knots, net[:, 0], rational), bound
 
     def with_degree(self, degree: int) -> Curve:
         """The same curve of a higher degree. Raises ValueError if it is lower. Source: Piegl & Tiller ch. 5.5."""
