@@ -177,6 +177,7 @@ class PymodbusLink:
         """Wait for the gap between frames; after a time-out until the late answer has come or cannot come any more."""
         if self._missed_at is not None:
             until = self._missed_at + self._timeout_s * WAIT_OUT_FACTOR
+            await self._clock.sleep(self._gap_s)  # takes in what came while this process did not run
             while self._clock.now() < until and self._heard_at <= self._missed_at:
                 await self._clock.sleep(self._gap_s)
             self._missed_at = None

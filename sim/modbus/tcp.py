@@ -46,8 +46,8 @@ class TcpDevice:
                     reply = bytes([request[0] | 0x80, GATEWAY_TARGET_SILENT])
                 writer.write(struct.pack(">HHHB", transaction, 0, len(reply) + 1, device_id) + reply)
                 await writer.drain()
-        except (asyncio.IncompleteReadError, ConnectionError):
-            return
+        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
+            return  # cancelled by `close` alone; a stream's task that ends as cancelled is logged as an error by asyncio
         finally:
             self._connections.pop(writer, None)
             writer.close()

@@ -15,7 +15,7 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkLost, PortAbsent, WrongAnswer
 from drivers.laser import Laser
 from drivers.modbus.client import PymodbusLink
-from drivers.modbus.device import DeviceClient
+from drivers.modbus.device import RETRY_S, DeviceClient
 from tests.wire.raw_modbus import RawModbus
 
 LASER: Device = load_device("laser_generic")
@@ -31,7 +31,12 @@ async def server() -> AsyncIterator[RawModbus]:
     await server.close()
 
 
-async def link_to(server: RawModbus, wire: str, timeout_s: float = 0.1) -> PymodbusLink:
+PATIENT_S = 2.0  # time-out of a device that does answer: far end and driver share a processor with others
+LIMIT_S = 30.0  # until something has come about
+REQUESTS_OF_A_CYCLE = 3  # heartbeat, inputs, discrete inputs
+
+
+async def link_to(server: RawModbus, wire: str, timeout_s: float = PATIENT_S) -> PymodbusLink:
     if wire == "tcp":
         await server.listen()
         facts = Link(device="laser_generic", transport="tcp", tcp_port=server.port)
@@ -41,7 +46,7 @@ async def link_to(server: RawModbus, wire: str, timeout_s: float = 0.1) -> Pymod
     return PymodbusLink(facts, timeout_s, SystemClock())
 
 
-async def until(client: DeviceClient, is_met: Callable[[], bool], timeout_s: float = 3.0) -> None:
+async def until(client: DeviceClient, is_met: Callable[[], bool], timeout_s: float = LIMIT_S) -> None:
     deadline = time.monotonic() + timeout_s
     while not is_met():
         assert time.monotonic() < deadline, f"not met; last error: {client.last_error}"
@@ -65,7 +70,7 @@ async def test_set_points_reach_the_device_and_read_backs_come_back(server: RawM
     assert device.words["holding"][0] == 7500 and device.words["coil"][0] == device.words["coil"][1] == 1
     assert laser.power_readback_w == pytest.approx(750.0)
     assert laser.interlocks == ["door interlock open"]
-    assert laser.connected and laser.last_error is None and laser.age_s < 0.1
+    assert laser.connected and laser.last_error is None and not laser.is_stale
     await link.close()
 
 
@@ -92,13 +97,13 @@ async def test_answer_with_fewer_registers_than_asked_is_a_wrong_answer(server: 
 
 @pytest.mark.parametrize("wire", WIRES)
 async def test_silent_device_costs_one_time_out_and_no_retry(server: RawModbus, wire: str) -> None:
-    link = await link_to(server, wire, timeout_s=0.05)
+    link = await link_to(server, wire, timeout_s=1.0)
     server.devices[1].is_mute = True
     await link.connect()
     began = time.monotonic()
-    with pytest.raises(DeviceSilent, match="no answer within 50 ms"):
+    with pytest.raises(DeviceSilent, match="no answer within 1000 ms"):
         await link.read(1, "input", 0, 6)
-    assert time.monotonic() - began < 0.15
+    assert 1.0 <= time.monotonic() - began < 2.0  # less than two time-outs
     assert len(server.devices[1].requests) == 1
     await link.close()
 
@@ -118,11 +123,11 @@ async def test_absent_serial_line_is_one_clear_line(tmp_path: object) -> None:
 
 
 async def test_late_rtu_answer_is_waited_out_and_not_taken_for_the_next_one(server: RawModbus) -> None:
-    link = await link_to(server, "rtu", timeout_s=0.05)
+    link = await link_to(server, "rtu", timeout_s=0.4)
     await link.connect()
     device = server.devices[1]
     device.words["input"].update({0: 11, 10: 22})
-    device.late_s, device.late_once = 0.08, True
+    device.late_s, device.late_once = 0.6, True
     with pytest.raises(DeviceSilent):
         await link.read(1, "input", 0, 1)
     assert await link.read(1, "input", 10, 1) == [22]
@@ -130,13 +135,14 @@ async def test_late_rtu_answer_is_waited_out_and_not_taken_for_the_next_one(serv
 
 
 async def test_request_whose_caller_was_cancelled_is_completed_and_its_answer_not_taken_for_the_next_one(server: RawModbus) -> None:
-    link = await link_to(server, "rtu", timeout_s=0.2)
+    link = await link_to(server, "rtu")
     await link.connect()
     device = server.devices[1]
     device.words["input"].update({0: 11, 10: 22})
-    device.late_s, device.late_once = 0.05, True
+    device.late_s, device.late_once = 0.5, True
     reading = asyncio.ensure_future(link.read(1, "input", 0, 1))
-    await asyncio.sleep(0.02)
+    while not device.requests:
+        await asyncio.sleep(0.005)
     reading.cancel()
     with pytest.raises(asyncio.CancelledError):
         await reading
@@ -159,10 +165,10 @@ async def test_late_rtu_answer_of_another_length_is_refused_even_after_the_wait(
 
 
 async def test_serial_line_is_not_closed_for_silence(server: RawModbus) -> None:
-    link = await link_to(server, "rtu", timeout_s=0.02)
+    link = await link_to(server, "rtu", timeout_s=0.3)
     await link.connect()
     server.devices[1].is_mute = True
-    for _ in range(8):
+    for _ in range(4):
         with pytest.raises(DeviceSilent):
             await link.read(1, "input", 0, 1)
     assert link.connected
@@ -172,31 +178,35 @@ async def test_serial_line_is_not_closed_for_silence(server: RawModbus) -> None:
 
 
 async def test_dead_device_on_a_shared_line_does_not_starve_the_other(server: RawModbus) -> None:
-    link = await link_to(server, "rtu")
+    link = await link_to(server, "rtu", timeout_s=0.1)
     server.devices[1].is_mute = True
     dead = DeviceClient(LASER, 1, link, SystemClock())
     live = DeviceClient(LASER, 2, link, SystemClock())
-    worst, deadline = 0.0, time.monotonic() + 1.7
+    asked = server.devices[1].requests, server.devices[2].requests
+    live_between: list[int] = []  # requests to the live device between two tries of the dead one
 
     async def poll(client: DeviceClient) -> None:
-        while time.monotonic() < deadline:
+        while len(live_between) < 6:
             await client.cycle()
             await asyncio.sleep(0.02)
 
     async def watch() -> None:
-        nonlocal worst
-        await asyncio.sleep(0.7)  # the first rounds, in which the device is found dead
-        while time.monotonic() < deadline:
-            worst = max(worst, live.age("power_readback"))
-            await asyncio.sleep(0.005)
+        tries, heard = len(asked[0]), len(asked[1])
+        while len(live_between) < 6:
+            if len(asked[0]) > tries:
+                live_between.append(len(asked[1]) - heard)
+                tries, heard = len(asked[0]), len(asked[1])
+            await asyncio.sleep(0.001)
 
-    await asyncio.gather(poll(dead), poll(live), watch())
+    async with asyncio.timeout(LIMIT_S):
+        await asyncio.gather(poll(dead), poll(live), watch())
     assert not dead.connected and live.connected
-    assert worst < 0.45  # less than the dead-man time of 0.5 s
+    found_dead = live_between[3:]  # behind the first tries, in which the device is found dead
+    assert min(found_dead) >= REQUESTS_OF_A_CYCLE
     await link.close()
 
 
-async def test_server_that_comes_back_is_found_within_a_second_and_gets_safe_values(server: RawModbus) -> None:
+async def test_server_that_comes_back_is_found_at_the_next_try_and_gets_safe_values(server: RawModbus) -> None:
     link = await link_to(server, "tcp")
     laser = Laser(DeviceClient(LASER, 1, link, SystemClock()))
     await laser.cycle()
@@ -209,10 +219,16 @@ async def test_server_that_comes_back_is_found_within_a_second_and_gets_safe_val
     await server.close()
     await until(laser.client, lambda: laser.last_error is not None)
     assert not laser.connected and not laser.is_permitted and laser.power_setpoint_w == 0.0
+    connect, tries = link.connect, []
+
+    async def counted() -> None:
+        tries.append(True)
+        await connect()
+
+    link.connect = counted  # type: ignore[method-assign]
     await server.listen(port)
-    began = time.monotonic()
     await until(laser.client, lambda: laser.connected)
-    assert time.monotonic() - began < 1.0
+    assert len(tries) == 1 and RETRY_S < 1.0  # the next try, and none is further away
     assert server.devices[1].words["coil"][1] == 0 and server.devices[1].words["holding"][0] == 0
     await link.close()
 
@@ -243,7 +259,7 @@ async def test_coil_that_is_stuck_is_told_though_the_map_has_no_read_back_for_it
 
 
 async def test_write_that_vanished_is_written_again(server: RawModbus) -> None:
-    link = await link_to(server, "rtu", timeout_s=0.03)
+    link = await link_to(server, "rtu", timeout_s=0.3)
     laser = Laser(DeviceClient(LASER, 1, link, SystemClock()))
     await laser.cycle()
     server.devices[1].lose_writes = 1
@@ -277,7 +293,7 @@ async def test_one_cycle_reads_the_whole_map_in_one_request_per_table(server: Ra
 @pytest.mark.parametrize("wire", WIRES)
 @pytest.mark.parametrize("damage", ["another function", "odd bytes", "nothing"])
 async def test_damaged_answer_is_an_error_and_the_next_good_one_is_read(server: RawModbus, wire: str, damage: str) -> None:
-    link = await link_to(server, wire, timeout_s=0.05)
+    link = await link_to(server, wire, timeout_s=0.5)
     await link.connect()
     device = server.devices[1]
     device.words["input"].update({0: 1, 1: 2})

@@ -25,7 +25,9 @@ from sim.server import SimServer
 from sim.wires import WireError
 
 needs_mbpoll = pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll (Debian package) is not installed")
-WAIT_S = 10.0
+WAIT_S = 60.0  # until something has come about, on a machine that others use too
+PATIENT = ("-o", "5")  # time-out of mbpoll for a device that does answer
+HASTY = ("-o", "0.2")
 
 
 def free_cell(name: str = "trunnion_tcp", **links: dict[str, Any]) -> Cell:
@@ -52,7 +54,12 @@ async def mbpoll(*arguments: str) -> tuple[int, str]:
     process = await asyncio.create_subprocess_exec(
         "mbpoll", *arguments, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
     )
-    output, _ = await asyncio.wait_for(process.communicate(), WAIT_S)
+    try:
+        output, _ = await asyncio.wait_for(process.communicate(), WAIT_S)
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.communicate()
     return process.returncode or 0, output.decode(errors="replace")
 
 
@@ -83,6 +90,14 @@ class Terminal:
         got, self.heard = self.heard[:cut], self.heard[cut:]
         return got
 
+    async def ask_until(self, wanted: bytes) -> None:
+        """Ask for the status until it says so."""
+        async with asyncio.timeout(WAIT_S):
+            self.say(b"?")
+            while wanted not in await self.hear(b">"):
+                await asyncio.sleep(0.01)
+                self.say(b"?")
+
     def close(self) -> None:
         os.close(self._fd)
 
@@ -90,7 +105,7 @@ class Terminal:
 async def command(run_dir: Path, **words: Any) -> dict[str, Any]:
     reader, writer = await asyncio.open_unix_connection(str(run_dir / "sim.sock"))
     writer.write(json.dumps(words).encode() + b"\n")
-    answer: dict[str, Any] = json.loads(await asyncio.wait_for(reader.readline(), 60.0))
+    answer: dict[str, Any] = json.loads(await asyncio.wait_for(reader.readline(), WAIT_S))
     writer.close()
     await writer.wait_closed()
     return answer
@@ -101,7 +116,7 @@ async def test_mbpoll_reads_and_writes_over_tcp(tmp_path: Path) -> None:
     async with running(free_cell(), tmp_path) as server:
         server.world.laser.watches_heartbeat = False
         port = str(server.cell.links["laser"].tcp_port)
-        far = ("-m", "tcp", "-p", port, "-a", "1", "-0", "-1", "-q")
+        far = ("-m", "tcp", "-p", port, "-a", "1", "-0", "-1", "-q", *PATIENT)
         code, output = await mbpoll(*far, "-t", "4", "-r", "0", "127.0.0.1", "1234")
         assert code == 0, output
         assert server.world.laser.values["power_setpoint"] == pytest.approx(123.4)
@@ -123,6 +138,7 @@ async def test_mbpoll_reads_three_devices_on_one_rtu_line(tmp_path: Path) -> Non
         line = server.cell.links["laser"].serial_port
         assert line == server.cell.links["io"].serial_port == str(tmp_path / "modbus")
         far = ("-m", "rtu", "-b", "115200", "-P", "none", "-0", "-1", "-q")
+        far, hasty = (*far, *PATIENT), (*far, *HASTY)
         code, output = await mbpoll(*far, "-a", "1", "-t", "4", "-r", "0", line, "777")
         assert code == 0, output
         assert server.world.laser.values["power_setpoint"] == pytest.approx(77.7)
@@ -130,23 +146,23 @@ async def test_mbpoll_reads_three_devices_on_one_rtu_line(tmp_path: Path) -> Non
         assert values_in(output) == [1, 1, 1, 1, 1, 0, 1]
         code, output = await mbpoll(*far, "-a", "2", "-t", "3", "-r", "4", "-c", "1", line)
         assert values_in(output) == [10000.0]
-        code, output = await mbpoll(*far, "-a", "9", "-o", "0.2", "-t", "3", "-r", "0", "-c", "1", line)
+        code, output = await mbpoll(*hasty, "-a", "9", "-t", "3", "-r", "0", "-c", "1", line)
         assert "timed out" in output
 
 
 @needs_mbpoll
 async def test_silent_slow_and_excepting_devices_look_so_from_outside(tmp_path: Path) -> None:
     async with running(free_cell(), tmp_path) as server:
-        far = ("-m", "tcp", "-a", "1", "-0", "-1", "-q", "-o", "0.2", "-t", "3", "-r", "0", "-c", "1", "127.0.0.1")
+        far = ("-m", "tcp", "-a", "1", "-0", "-1", "-q", "-t", "3", "-r", "0", "-c", "1")
         laser, feeder = (str(server.cell.links[role].tcp_port) for role in ("laser", "feeder"))  # type: ignore[index]
         assert (await command(tmp_path, do="fault", fault="modbus_silent laser"))["ok"]
-        _, output = await mbpoll("-p", laser, *far)
+        _, output = await mbpoll("-p", laser, *far, *HASTY, "127.0.0.1")
         assert "timed out" in output
         await command(tmp_path, do="fault", fault="modbus_ok laser")
-        code, output = await mbpoll("-p", laser, *far)
+        code, output = await mbpoll("-p", laser, *far, *PATIENT, "127.0.0.1")
         assert code == 0, output
         await command(tmp_path, do="fault", fault="modbus_exception feeder 4")
-        _, output = await mbpoll("-p", feeder, *far)
+        _, output = await mbpoll("-p", feeder, *far, *PATIENT, "127.0.0.1")
         assert "Slave device or server failure" in output
 
 
@@ -156,15 +172,12 @@ async def test_a_host_on_the_serial_line_identifies_moves_and_stops_the_machine(
         try:
             host.say(b"$I\n")
             assert b"[FIRMWARE:grblHAL]" in await host.hear(b"ok\r\n")
-            host.say(b"N1 G1 X100 F6000\n")
+            host.say(b"N1 G1 X100 F60\n")  # 20 s of the wires' time
             await host.hear(b"ok\r\n")
-            await asyncio.sleep(0.05)
-            host.say(b"?")
-            assert b"Ln:1" in await host.hear(b">")
+            await host.ask_until(b"Ln:1")
+            await host.ask_until(b"MPos:0.1")
             host.say(b"!")
-            await asyncio.sleep(0.1)
-            host.say(b"?")
-            assert b"<Hold:0" in await host.hear(b">")
+            await host.ask_until(b"<Hold:0")
             assert 0.0 < server.world.cnc.machine.motion.position[0] < 100.0
         finally:
             host.close()
@@ -266,31 +279,40 @@ def test_a_real_cell_and_a_wrong_fault_are_refused_before_anything_opens(tmp_pat
         SimServer(free_cell(), tmp_path, faults=["at=1s nonsense"])
 
 
-async def start_process(*arguments: str) -> asyncio.subprocess.Process:
+@asynccontextmanager
+async def process_of(*arguments: str) -> AsyncIterator[asyncio.subprocess.Process]:
+    """`python -m sim`; whatever the test does, it ends and its pipes are closed."""
     root = Path(__file__).resolve().parents[2]
-    return await asyncio.create_subprocess_exec(
+    process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "sim", *arguments,
         cwd=root, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
 
 
 async def test_the_process_says_ready_once_and_leaves_nothing_behind_on_sigterm(tmp_path: Path) -> None:
-    process = await start_process("--cell", "trunnion_rtu", "--run", str(tmp_path), "--fault", "at=0.1s door_open")
-    assert process.stdout is not None
-    line = await asyncio.wait_for(process.stdout.readline(), 60.0)
-    assert line.startswith(b"sim ready: ")
-    assert (tmp_path / "cell.toml").exists()
-    while (await command(tmp_path, do="state"))["io"]["door_closed"]:
-        await asyncio.sleep(0.05)
-    process.send_signal(signal.SIGTERM)
-    output, errors = await asyncio.wait_for(process.communicate(), WAIT_S)
-    assert (process.returncode, output, errors) == (0, b"", b"")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cell.toml"]
+    arguments = "--cell", "trunnion_rtu", "--run", str(tmp_path), "--fault", "at=0.1s door_open"
+    async with process_of(*arguments) as process, asyncio.timeout(WAIT_S):
+        assert process.stdout is not None
+        line = await process.stdout.readline()
+        assert line.startswith(b"sim ready: ")
+        assert (tmp_path / "cell.toml").exists()
+        while (await command(tmp_path, do="state"))["io"]["door_closed"]:
+            await asyncio.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        output, errors = await process.communicate()
+        assert (process.returncode, output, errors) == (0, b"", b"")
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["cell.toml"]
 
 
 async def test_bad_arguments_end_with_one_line_and_code_2(tmp_path: Path) -> None:
-    process = await start_process("--run", str(tmp_path), "--fault", "nonsense")
-    _, errors = await asyncio.wait_for(process.communicate(), 60.0)
+    async with process_of("--run", str(tmp_path), "--fault", "nonsense") as process, asyncio.timeout(WAIT_S):
+        _, errors = await process.communicate()
     assert process.returncode == 2
     assert errors.splitlines()[0] == b"sim: fault 'nonsense': 'nonsense' is unknown"
     assert b"Traceback" not in errors

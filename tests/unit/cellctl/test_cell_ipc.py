@@ -13,15 +13,28 @@ from cellctl.cell.ipc import HEADER, IpcServer, encode, read_message
 from cellctl.domain.messages import PROTOCOL, Command, Event, Hello, Live, Reply
 from cellctl.domain.snapshot import Snapshot
 
+WAIT_S = 60.0
 
-async def answer(command: Command) -> Reply:
-    if command.verb == "slow":
-        await asyncio.sleep(0.2)
-    return Reply(command.id, True, data={"verb": command.verb})
+
+class Answers:
+    """Answers to commands; the one to `slow` comes when it may."""
+
+    def __init__(self) -> None:
+        self.may_end = asyncio.Event()
+
+    async def __call__(self, command: Command) -> Reply:
+        if command.verb == "slow":
+            await self.may_end.wait()
+        return Reply(command.id, True, data={"verb": command.verb})
 
 
 @pytest.fixture
-async def server(tmp_path: Path) -> AsyncIterator[IpcServer]:
+def answer() -> Answers:
+    return Answers()
+
+
+@pytest.fixture
+async def server(tmp_path: Path, answer: Answers) -> AsyncIterator[IpcServer]:
     one = IpcServer(answer, "test cell")
     await one.start(tmp_path / "cell.sock")
     yield one
@@ -39,7 +52,7 @@ class Client:
         return client
 
     async def read(self) -> object:
-        return await asyncio.wait_for(read_message(self.reader), 5)
+        return await asyncio.wait_for(read_message(self.reader), WAIT_S)
 
     async def close(self) -> None:
         self.writer.close()
@@ -80,12 +93,17 @@ async def test_a_frame_that_is_too_long_or_not_ours_is_refused_and_the_server_li
     await other.close()
 
 
-async def test_a_stop_overtakes_a_command_that_takes_long(server: IpcServer, tmp_path: Path) -> None:
+async def test_a_stop_overtakes_a_command_that_takes_long(
+    server: IpcServer, answer: Answers, tmp_path: Path
+) -> None:
     client = await Client.connect(tmp_path / "cell.sock")
     await client.read()
     client.writer.write(encode(Command("1", "slow", "me", "")) + encode(Command("2", "stop", "me", "")))
-    replies = [await client.read(), await client.read()]
-    assert [reply.id for reply in replies if isinstance(reply, Reply)] == ["2", "1"]
+    stopped = await client.read()
+    assert isinstance(stopped, Reply) and stopped.id == "2"
+    answer.may_end.set()
+    late = await client.read()
+    assert isinstance(late, Reply) and late.id == "1"
     await client.close()
 
 
@@ -129,7 +147,7 @@ async def test_events_come_complete_and_in_order_between_snapshots(server: IpcSe
 
 
 async def test_a_second_cell_process_on_the_same_socket_is_refused_and_a_stale_one_is_replaced(tmp_path: Path) -> None:
-    first, second = IpcServer(answer, "a"), IpcServer(answer, "b")
+    first, second = IpcServer(Answers(), "a"), IpcServer(Answers(), "b")
     await first.start(tmp_path / "s")
     with pytest.raises(FileExistsError, match="another cell process"):
         await second.start(tmp_path / "s")

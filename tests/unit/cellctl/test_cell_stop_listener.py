@@ -10,6 +10,8 @@ import pytest
 
 from cellctl.cell.stop_listener import CONNECTIONS_MAX, StopListener
 
+WAIT_S = 60.0
+
 
 class Listening:
     def __init__(self) -> None:
@@ -26,7 +28,7 @@ class Listening:
     async def ask(self, request: bytes) -> tuple[int, dict[str, str], dict[str, str]]:
         reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
         writer.write(request)
-        answer = await asyncio.wait_for(reader.read(), 5)
+        answer = await asyncio.wait_for(reader.read(), WAIT_S)
         writer.close()
         await writer.wait_closed()
         head, _, body = answer.partition(b"\r\n\r\n")
@@ -113,7 +115,7 @@ async def test_connections_that_say_nothing_never_keep_a_stop_out(listening: Lis
     status, _, _ = await listening.ask(post(b"{}"))
     assert status == 200 and len(listening.stops) == 1
     assert len(listening.listener.waiting) <= CONNECTIONS_MAX
-    assert await asyncio.wait_for(idle[0][0].read(), 5) == b"", "the oldest that says nothing gives way"
+    assert await asyncio.wait_for(idle[0][0].read(), WAIT_S) == b"", "the oldest that says nothing gives way"
     for _, writer in idle:
         writer.close()
 

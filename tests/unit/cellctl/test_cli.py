@@ -1,10 +1,10 @@
 from __future__ import annotations
 
 import json
+import resource
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -79,6 +79,7 @@ def test_bad_input_is_one_line_a_hint_and_exit_2(
     assert says_one_line_and_a_hint(said) and "Traceback" not in said
 
 
+@pytest.mark.timeout(600)  # the first plan after a change compiles the planner's kernels
 def test_part_is_planned_shown_and_posted_on_files(
     block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,6 +161,8 @@ def test_fault_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_command_line_answers_help() -> None:
-    started = time.perf_counter()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-m", "cellctl", "--help"], capture_output=True, check=True)
-    assert time.perf_counter() - started < 3.0  # 0.3 s on an idle machine
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    work_s = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    assert work_s < 3.0  # of the processor, whatever else it does; 0.3 s on an idle machine
