@@ -23,7 +23,7 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 VIEW = {"width": 1280, "height": 800}
-PATIENCE_MS = 30_000  # software drawing, worker processes: on a busy machine
+PATIENCE_MS = 60_000  # software drawing, worker processes: on a busy machine
 
 
 @dataclass
@@ -45,13 +45,23 @@ class Heard:
 
 
 @pytest.fixture(scope="module")
-def cell() -> Iterator[RunningCell]:
+def shared_cell() -> Iterator[RunningCell]:
     try:
         build()
     except ConsoleBuildError as error:
         pytest.fail(str(error))
     with RunningCell() as running:
         yield running
+
+
+@pytest.fixture
+def cell(shared_cell: RunningCell) -> RunningCell:
+    """The cell, IDLE with nothing latched and no job, whatever the test before did to it or left undone."""
+    try:
+        shared_cell.make_ready()
+    except AssertionError as error:
+        pytest.fail(str(error), pytrace=False)
+    return shared_cell
 
 
 @pytest.fixture(scope="module")

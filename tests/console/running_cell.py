@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 import tomllib
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,19 +19,23 @@ from typing import Any
 import httpx
 import tomli_w
 
+from cellctl.client import Client, ServiceError
+from cellctl.domain.jobs import ENDED, JobState
 from config.base import FACTS_DIR
 
-END_S = 15.0
+END_S = 60.0
+ANSWER_S = 60.0
+KNOWN_S = 180.0  # until the cell stands ready, whatever a test did to it
+POLL_S = 0.1
 READY = ("sim ready", "Ctrl-C stops the service")
 # The browser draws in software on the same cores: a device may be late here without being dead.
-PATIENCE = {"timeout_s": 1.0, "dead_man_s": 3.0, "stale_s": 2.5}
-TIME_SCALE = 8.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+PATIENCE = {"timeout_s": 1.0, "dead_man_s": 3.0, "stale_s": 2.5, "status_stale_s": 2.0}
+TIME_SCALE = 4.0
+# What brings the cell a step nearer to IDLE; in states that are not here it gets there by itself.
+NEXT_VERB = {
+    "FAULT": "reset", "STOPPED": "reset", "UNHOMED": "home", "HELD": "abort", "HOLDING": "abort", "PREPARING": "abort",
+    "RUNNING": "abort", "RESUMING": "abort", "JOGGING": "hold",
+}  # fmt: skip
 
 
 def patient(table: Any) -> Any:
@@ -90,7 +95,8 @@ class RunningCell:
             device = tomllib.loads((FACTS_DIR / "devices" / f"{link['device']}.toml").read_text(encoding="utf-8"))
             path = self.folder / f"{link['device']}.toml"
             path.write_text(tomli_w.dumps(patient(device)), encoding="utf-8")
-            link.update(device=str(path), tcp_port=free_port())
+            link.update(device=str(path), tcp_port=0)
+        facts = patient(facts)
         path = self.folder / "given.toml"
         path.write_text(tomli_w.dumps(facts), encoding="utf-8")
         return path
@@ -112,7 +118,7 @@ class RunningCell:
     def sim(self, do: str, **arguments: Any) -> dict[str, Any]:
         """A hand at the simulated cell."""
         with socket.socket(socket.AF_UNIX) as wire, wire.makefile("rw") as lines:
-            wire.settimeout(10.0)
+            wire.settimeout(ANSWER_S)
             wire.connect(str(self.run / "sim.sock"))
             lines.write(json.dumps({"do": do, **arguments}) + "\n")
             lines.flush()
@@ -122,9 +128,42 @@ class RunningCell:
 
     def get(self, path: str) -> Any:
         """What REST says."""
-        answer = httpx.get(f"{self.url}/api/v1{path}", headers={"Authorization": f"Bearer {self.token}"}, timeout=10.0)
+        answer = httpx.get(f"{self.url}/api/v1{path}", headers={"Authorization": f"Bearer {self.token}"}, timeout=ANSWER_S)
         assert answer.status_code == 200, answer.text
         return answer.json()
+
+    def make_ready(self) -> None:
+        """Bring plant and service to where every test begins: doors closed, nothing latched, no job at work, IDLE.
+
+        Raises AssertionError with one line about what stands in the way.
+        """
+        for module in ("cellctl.cell", "cellctl.api"):
+            self.thaw(module)
+        self.sim("release_estop")
+        self.sim("close_door")
+        seen = "nothing was heard of the cell"
+        end = time.monotonic() + KNOWN_S
+        with Client(self.url, self.token) as client:
+            while time.monotonic() < end:
+                try:
+                    self._cancel_jobs(client)
+                    snapshot = client.snapshot()
+                    alarms = "; ".join(alarm["cause"] for alarm in snapshot["alarms"])
+                    seen = f"{snapshot['state']} because {snapshot['because']}; alarms: {alarms or 'none'}"
+                    if snapshot["state"] == "IDLE" and not snapshot["alarms"]:
+                        return
+                    if (verb := NEXT_VERB.get(snapshot["state"])) is not None:
+                        client.command(verb, "the next test begins")
+                except ServiceError as error:  # a reset while it comes to rest, a service that starts again: next time
+                    seen = f"{seen}; {error.message}"
+                time.sleep(POLL_S)
+        raise AssertionError(f"the cell cannot be made ready for the next test within {KNOWN_S:g} s: {seen}")
+
+    def _cancel_jobs(self, client: Client) -> None:
+        """Cancel what waits or is planned; the job on the cell is aborted there."""
+        for job in client.get("jobs", limit=100)["items"]:
+            if JobState(job["state"]) not in ENDED and job["state"] not in ("running", "held"):
+                client.cancel(job["id"], "the next test begins")
 
     def process(self, module: str) -> int:
         """Number of the service's process that runs this module."""

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import httpx
 import pytest
 import trimesh
 from playwright.sync_api import Page, expect
@@ -13,11 +14,11 @@ from playwright.sync_api import Page, expect
 from tests.console.conftest import Heard
 from tests.console.running_cell import RunningCell
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = pytest.mark.timeout(1200)
 KEPT = Path(__file__).resolve().parent / "pictures"  # those that README shows
 PICTURES = KEPT if os.environ.get("KEEP_PICTURES") else KEPT.parent / "results"
 PICTURE_BYTES_MAX = 300_000
-PLANNED_MS = 150_000  # plan, post and proof, on a busy machine
+PLANNED_MS = 600_000  # an upload's check; plan, post and proof: by workers that give way to whatever else the machine does
 MM_PX = 96 / 25.4
 NAME = "Bearing block"
 MARKUP = '<img src="x" onerror="document.title=1">'
@@ -48,6 +49,7 @@ def submit(page: Page, part: Path, name: str) -> None:
     page.get_by_label("Name").fill(name)
     page.get_by_label("Tolerance, mm").fill("0.2")
     page.get_by_role("button", name="Submit").click()
+    expect(page.locator(".job-heading")).to_have_text(name, timeout=PLANNED_MS)
 
 
 def approve(page: Page) -> None:
@@ -73,7 +75,6 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     state_is(page, "IDLE")
     submit(page, block, NAME)
     expect(page.locator("[data-state=waiting_for_approval]")).to_be_visible(timeout=PLANNED_MS)
-    expect(page.locator(".job-heading")).to_have_text(NAME)
     expect(page.locator(".proof")).to_contain_text("Passed")
     expect(page.locator(".proof img")).to_have_js_property("complete", True)
     picture(page, "approve")
@@ -94,7 +95,7 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     cell.sim("open_door")
     state_is(page, "FAULT")
     alarm = page.get_by_role("alert").filter(has_text="The door is open")
-    expect(alarm).to_contain_text("Remedy: close the door")
+    expect(alarm).to_contain_text("Remedy: close the door, reset")
     expect(page.locator(".conditions").get_by_text("Door open")).to_be_visible()
     assert cell.sim("state")["laser"]["emission_w"] == 0.0
     picture(page, "alarm")
@@ -128,7 +129,6 @@ def test_name_with_markup_is_shown_as_text_and_its_job_can_be_cancelled(
     sign_in(page, cell)
     submit(page, block, MARKUP)
 
-    expect(page.locator(".job-heading")).to_have_text(MARKUP)
     expect(page.locator(".view-name")).to_have_text(MARKUP)
     assert page.locator("img[src=x]").count() == 0
     assert page.title() == "Hybrid cell console"
@@ -158,7 +158,7 @@ def test_stop_works_while_the_web_process_is_frozen(page: Page, cell: RunningCel
         expect(page.locator(".stale-mark")).to_contain_text("old")
         page.locator("#stop-button").focus()
         page.keyboard.press("Enter")
-        expect(page.locator("#stop-said")).to_contain_text("STOPPED in", timeout=2_000)
+        expect(page.locator("#stop-said")).to_contain_text("STOPPED in")  # the web process cannot have said so
     finally:
         cell.thaw("cellctl.api")
     state_is(page, "STOPPED")
@@ -173,7 +173,7 @@ def test_stop_that_nobody_acknowledges_sends_the_operator_to_the_estop(page: Pag
         cell.freeze(process)
     try:
         page.locator("#stop-button").click()
-        expect(page.locator("#stop-said")).to_contain_text("use the E-stop", timeout=5_000)
+        expect(page.locator("#stop-said")).to_contain_text("use the E-stop")
     finally:
         for process in ("cellctl.cell", "cellctl.api"):
             cell.thaw(process)
@@ -194,6 +194,16 @@ def test_page_that_hears_nothing_shows_the_age_of_its_data_and_takes_only_stop(p
     finally:
         cell.thaw("cellctl.cell")
     expect(page.locator(".stale-mark")).to_have_count(0)
+
+
+def test_cell_left_stopped_with_an_open_door_and_a_frozen_service_is_ready_for_the_next_test(cell: RunningCell) -> None:
+    cell.sim("open_door")
+    httpx.post(cell.stop_url, json={"because": "left so"}, trust_env=False, timeout=60.0)
+    assert cell.get("/cell")["state"] == "STOPPED"
+    cell.freeze("cellctl.api")
+    cell.make_ready()
+    left = cell.get("/cell")
+    assert (left["state"], left["alarms"], left["io"]["door_closed"]) == ("IDLE", [], True)
 
 
 def test_machine_controls_are_large_enough_for_a_glove(page: Page, cell: RunningCell) -> None:
