@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.errors import FitError
-from planner.matching.adjacency import Group, match_in_slab
+from planner.matching.adjacency import Group, loop_of_facet, match_in_slab
 from planner.matching.slab import Slab, slab_of
 from planner.matching.twist import largest_twist
 from planner.matching.walls import Rim, RuledWall, joined, plane_axes, rim_of
@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 NEAR_SHARE = 1e-3
 """Of a layer's thickness: how far from the place where a surface begins, ends or parts its section is taken. At the
 place itself the contour has no area or touches itself; the wall's error from this is as small."""
+IN_PLANE_FRACTION = 2e-6
+"""Of the mesh's diagonal: vertices this near to a plane count as in it; level edges in 32-bit coordinates are no more level."""
+_SHARED = 0.2  # of its facets: a loop that shares fewer with another plane's loop stands for none there
 
 
 def swept_curve(curve: Curve, plane: Floats, normal: Floats) -> Curve:
@@ -83,7 +86,7 @@ def _opened(
         return None
     try:
         curves = [found.curve for found in section_curves_many([section], mesh, style)[0]]
-        other = rim_of(section, curves, plane_axes(bottom, top)[0 if begins else 1])
+        other = rim_of(mesh, section, curves, plane_axes(bottom, top)[0 if begins else 1], style.crease_deg)
     except FitError:
         return None
     rings = []
@@ -115,26 +118,52 @@ def near_section(mesh: Mesh, slab: Slab, facets: NDArray[np.int64], begins: bool
 
 
 def sections_apart(mesh: Mesh, bottom: Section, top: Section) -> tuple[Section, Section]:
-    """Both sections; one whose contours touch at a vertex is taken a little inside the layer instead.
+    """Both sections; one in whose plane the surface begins, ends, parts or folds is taken a little inside the layer.
 
-    At a saddle of the surface the contours of the two sides meet in a point; a little further they are apart.
+    In such a plane contours touch themselves or have no width, so that the section shows less than what lies next to it:
+    a mesh vertex in the plane is passed twice, or not at all.
     """
-    thickness = float((top.origin - bottom.origin) @ bottom.normal)
+    slab = slab_of(mesh, bottom.plane, top.plane)
+    used = np.zeros(len(mesh.vertices), dtype=bool)
+    used[mesh.facets[slab.component >= 0].ravel()] = True
     sections = []
-    for section, way, side in ((bottom, 1.0, "above"), (top, -1.0, "below")):
-        if _touches_itself(section):
-            plane = section.plane.copy()
-            plane[:3] += plane[3:] * (way * NEAR_SHARE * thickness)
-            section = slice_mesh(mesh, plane[None], "above" if side == "above" else "below")[0]
+    for section, height, way in ((bottom, slab.above, 1.0), (top, slab.below, -1.0)):
+        passed = _vertices_passed(section)
+        in_plane = np.flatnonzero(used & (np.abs(height) <= IN_PLANE_FRACTION * mesh.diagonal))
+        if len(np.unique(passed)) < len(passed) or len(np.setdiff1d(in_plane, passed)):
+            section = _moved(mesh, slab, section, way)
         sections.append(section)
     return sections[0], sections[1]
 
 
-def _touches_itself(section: Section) -> bool:
-    """Whether a mesh vertex is a point of the section's contours more than once."""
+def _moved(mesh: Mesh, slab: Slab, section: Section, way: float) -> Section:
+    """The section a little further along (way 1) or against (-1) its normal."""
+    thickness = abs(float((slab.top[:3] - slab.bottom[:3]) @ slab.bottom[3:]))
+    plane = section.plane.copy()
+    plane[:3] += plane[3:] * (way * NEAR_SHARE * thickness)
+    return slice_mesh(mesh, plane[None], "above" if way > 0.0 else "below")[0]
+
+
+def _vertices_passed(section: Section) -> NDArray[np.int64]:
+    """Mesh vertices that are points of the section's contours, as often as they are."""
     if not section.loops:
-        return False
+        return np.empty(0, dtype=np.int64)
     edges = np.concatenate([loop.edges for loop in section.loops])
     weights = np.concatenate([loop.weights for loop in section.loops])
-    vertices = np.concatenate([edges[weights <= 0.0, 0], edges[weights >= 1.0, 1]])
-    return len(np.unique(vertices)) < len(vertices)
+    return np.concatenate([edges[weights <= 0.0, 0], edges[weights >= 1.0, 1]])
+
+
+def names_in(given: Section, found: Section, facet_count: int) -> tuple[int, ...]:
+    """For each loop of the section found the number of the loop of the given section that it stands for; -1 for none.
+
+    The one that most of its facets belong to: the two planes are next to each other.
+    """
+    if found is given:
+        return tuple(range(len(given.loops)))
+    owner = loop_of_facet(given.loops, facet_count)
+    names = []
+    for loop in found.loops:
+        numbers = owner[loop.facets]
+        counts = np.bincount(numbers[numbers >= 0], minlength=1)
+        names.append(int(counts.argmax()) if counts.max() > _SHARED * len(numbers) else -1)
+    return tuple(names)

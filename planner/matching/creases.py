@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from planner.matching.outline import Outline
 from planner.matching.slab import Slab
-from planner.mesh.crease import crease_edges
 from planner.mesh.mesh import Mesh
+from planner.mesh.smooth import smooth_surface
 from planner.slicing.section import Loop
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Neighbours = dict[int, list[int]]
 
-_NEAR = 1e-3  # of the contour's size: a corner of the curve this near to a point of the section is that point
+_NEAR = 1e-2  # of the contour's size: a corner of the curve this near to a point of the section is that point
 
 _graphs: WeakKeyDictionary[Mesh, dict[float, Neighbours]] = WeakKeyDictionary()
 
@@ -26,7 +26,7 @@ def crease_graph(mesh: Mesh, crease_deg: float) -> Neighbours:
     """For each vertex on a crease the vertices at the other ends of its creases; kept as long as the mesh."""
     known = _graphs.setdefault(mesh, {})
     if crease_deg not in known:
-        facet, edge = np.nonzero(crease_edges(mesh, crease_deg))
+        facet, edge = np.nonzero(smooth_surface(mesh, crease_deg).creases)
         tail, head = mesh.facets[facet, edge], mesh.facets[facet, (edge + 1) % 3]
         graph: Neighbours = {}
         for a, b in np.unique(np.sort(np.column_stack([tail, head]), axis=1), axis=0).tolist():
@@ -54,8 +54,8 @@ def corner_anchors(graph: Neighbours, slab: Slab, loops: tuple[Loop, Loop], outl
     pairs = pairs[_in_order(pairs[:, 1])]
     anchors = np.empty((len(pairs), 2, 2))
     for k, outline in enumerate(outlines):
-        anchors[:, k, 0] = outline.measure(np.where(pairs[:, k] == 0.0, 1.0, pairs[:, k]), "left")
-        anchors[:, k, 1] = outline.measure(pairs[:, k], "right")
+        anchors[:, k, 0] = outline.measure(np.where(pairs[:, k] == 0.0, 1.0, pairs[:, k]), False)
+        anchors[:, k, 1] = outline.measure(pairs[:, k], True)
         anchors[:, k, 1] += np.where(anchors[:, k, 1] < anchors[:, k, 0], 1.0, 0.0)
     return anchors
 

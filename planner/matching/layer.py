@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from planner.matching.adjacency import match_in_slab
-from planner.matching.branching import branch_walls, sections_apart, swept_curve
-from planner.matching.slab import Slab, slab_of
+from planner.matching.adjacency import match_in_slab, match_sections
+from planner.matching.branching import branch_walls, names_in, sections_apart, swept_curve
+from planner.matching.slab import slab_of
 from planner.matching.twist import largest_twist
-from planner.matching.walls import LayerWalls, Rim, RuledWall, joined, plane_axes, rim_of
+from planner.matching.walls import LayerWalls, RuledWall, joined, plane_axes, rim_of
 from planner.mesh.mesh import Mesh
 from planner.nurbs.curve import Curve
 from planner.nurbs.ruled import RuledSurface
@@ -54,35 +54,41 @@ def _walls(
     bottom, top = apart
     slab = slab_of(mesh, bottom.plane, top.plane)
     axes = plane_axes(bottom, top)
-    low, high = rim_of(bottom, curves[0], axes[0]), rim_of(top, curves[1], axes[1])
-    matching = match_in_slab(mesh, bottom, top, slab)
+    low = rim_of(mesh, bottom, curves[0], axes[0], style.crease_deg)
+    high = rim_of(mesh, top, curves[1], axes[1], style.crease_deg)
+    found = match_in_slab(mesh, bottom, top, slab)
     walls: list[RuledWall] = []
-    for group in matching.groups:
+    for group in found.groups:
         if group.kind == "one_to_one":
             number, other = group.bottom[0], group.top[0]
             surface = joined(mesh, slab, (low, number), (high, other), style.crease_deg)
-            how = matching.how(number, other) or "indirect"
+            how = found.how(number, other) or "indirect"
             walls.append(RuledWall(surface, how, (number,), (other,), largest_twist(surface)))
         else:
             walls += branch_walls(mesh, slab, low, high, group, style)
-    walls = [_in_planes(wall, given, apart) for wall in walls]
+    walls = [_in_planes(mesh, wall, given, apart) for wall in walls]
     return LayerWalls(
         given[0].plane,
         given[1].plane,
-        matching,
+        found if apart == given else match_sections(mesh, *given),
         tuple(walls),
         tuple(wall.surface.curve0 for wall in walls),
         tuple(wall.surface.curve1 for wall in walls),
     )
 
 
-def _in_planes(wall: RuledWall, given: tuple[Section, Section], apart: tuple[Section, Section]) -> RuledWall:
-    """The wall carried on to the layer's own planes where its contours were taken a little inside them."""
-    first, second = wall.surface.curve0, wall.surface.curve1
-    if apart[0] is not given[0]:
-        first = swept_curve(first, given[0].plane, given[0].normal)
-    if apart[1] is not given[1]:
-        second = swept_curve(second, given[1].plane, given[1].normal)
-    if first is wall.surface.curve0 and second is wall.surface.curve1:
+def _in_planes(
+    mesh: Mesh, wall: RuledWall, given: tuple[Section, Section], apart: tuple[Section, Section]
+) -> RuledWall:
+    """The wall carried on to the layer's own planes, with their loops' numbers, where it was taken a little inside them."""
+    if apart == given:
         return wall
-    return RuledWall(RuledSurface(first, second), wall.how, wall.bottom, wall.top, wall.twist_max_rad)
+    curves = [wall.surface.curve0, wall.surface.curve1]
+    numbers = [wall.bottom, wall.top]
+    for k in range(2):
+        if apart[k] is not given[k]:
+            curves[k] = swept_curve(curves[k], given[k].plane, given[k].normal)
+            names = names_in(given[k], apart[k], len(mesh.facets))
+            numbers[k] = tuple(sorted({names[number] for number in numbers[k]} - {-1}))
+    how = wall.how if numbers[0] and numbers[1] else "swept"
+    return RuledWall(RuledSurface(curves[0], curves[1]), how, numbers[0], numbers[1], wall.twist_max_rad)

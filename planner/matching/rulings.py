@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planner.matching.outline import Outline
+from planner.matching.outline import DIRECTION, PARAMETER, Outline
 from planner.nurbs.curve import Curve
 from planner.nurbs.ruled import RuledSurface
 
@@ -64,7 +64,7 @@ def common_joints(low: Outline, high: Outline, x_low: Floats, x_high: Floats) ->
 def _marks(outline: Outline, start: float) -> Floats:
     """Measures from start to start + 1 of the curve's joints, at corners of both sides of the turn; increasing."""
     u = outline.curve.breaks[:-1]
-    marks = np.unique(np.concatenate([outline.measure(u, "right"), outline.measure(u + (u == 0.0), "left") % 1.0]))
+    marks = np.unique(np.concatenate([outline.measure(u, True), outline.measure(u + (u == 0.0), False) % 1.0]))
     return np.sort(marks + np.ceil(start - marks))
 
 
@@ -100,7 +100,7 @@ def _filled(
     low: Outline, high: Outline, joints: tuple[Floats, Floats], path: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Joints added on the path where a piece turns far, so that the matching inside pieces is nearly linear."""
-    turn = np.maximum(np.abs(np.diff(low.at(joints[0])[1])), np.abs(np.diff(high.at(joints[1])[1])))
+    turn = np.maximum(np.abs(np.diff(low.at(joints[0])[:, DIRECTION])), np.abs(np.diff(high.at(joints[1])[:, DIRECTION])))
     parts = np.maximum(np.ceil(turn / _LONGEST_TURN), 1).astype(np.intp)
     if (parts == 1).all():
         return joints
@@ -122,7 +122,7 @@ def _filled(
 
 def _parameters(curve: Curve, outline: Outline, x: Floats) -> Floats:
     """Parameters (k,), not decreasing over one round (above 1 after the seam)."""
-    u = _at_joint(curve, outline.at(x)[0]) % 1.0 + np.floor(x)
+    u = _at_joint(curve, outline.at(x)[:, PARAMETER]) % 1.0 + np.floor(x)
     u = u + np.cumsum(np.concatenate([[False], np.diff(u) < -0.5]))
     u = u - np.cumsum(np.concatenate([[False], np.diff(u) > 1.0 - _SAME_PARAMETER]))
     u = np.maximum.accumulate(u)

@@ -10,7 +10,7 @@ from planner.nurbs.ruled import RuledSurface
 
 Floats = NDArray[np.float64]
 
-_STANDING = 1e-9  # of the contour's length: a piece shorter than this is a point that a fan of rulings leaves
+_STANDING = 1e-5  # of the contour's length: a piece shorter than this is a point that a fan of rulings leaves
 
 
 def ruling_twists(surface: RuledSurface) -> Floats:
@@ -27,7 +27,7 @@ def ruling_twists(surface: RuledSurface) -> Floats:
     second = np.cross(np.where(fixed1[:, None], along0, along1), across)
     sine = np.linalg.norm(np.cross(first, second), axis=1)
     cosine = np.abs(np.einsum("ij,ij->i", first, second))
-    return np.asarray(np.arctan2(sine, np.maximum(cosine, 1e-300)))
+    return np.asarray(np.where(fixed0 & fixed1, 0.0, np.arctan2(sine, np.maximum(cosine, 1e-300))))
 
 
 def _is_point(along: Floats, curve: Curve, breaks: Floats) -> NDArray[np.bool_]:

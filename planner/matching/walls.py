@@ -16,6 +16,7 @@ from planner.matching.rulings import ruled_between
 from planner.matching.slab import Slab, slab_of
 from planner.matching.twist import largest_twist
 from planner.mesh.mesh import Mesh
+from planner.mesh.smooth import smooth_surface
 from planner.nurbs.curve import Curve
 from planner.nurbs.ruled import RuledSurface
 from planner.slicing.section import Section
@@ -70,9 +71,11 @@ class Rim:
     outlines: tuple[Outline, ...]
 
 
-def rim_of(section: Section, curves: list[Curve], axes: Floats) -> Rim:
-    """The rim of a section whose loops have these curves.  axes : (2, 3) float, as for `outline_of`."""
-    return Rim(section, tuple(curves), tuple(outline_of(curve, axes) for curve in curves))
+def rim_of(mesh: Mesh, section: Section, curves: list[Curve], axes: Floats, crease_deg: float) -> Rim:
+    """The rim of a section whose loops have these curves.  axes : (3, 3) float, as for `outline_of`."""
+    surface = smooth_surface(mesh, crease_deg)
+    outlines = [outline_of(curve, axes, loop, surface) for curve, loop in zip(curves, section.loops, strict=True)]
+    return Rim(section, tuple(curves), tuple(outlines))
 
 
 def joined(mesh: Mesh, slab: Slab, low: tuple[Rim, int], high: tuple[Rim, int], crease_deg: float) -> RuledSurface:
@@ -86,9 +89,11 @@ def joined(mesh: Mesh, slab: Slab, low: tuple[Rim, int], high: tuple[Rim, int], 
 
 
 def plane_axes(bottom: Section, top: Section) -> tuple[Floats, Floats]:
-    """Axes (2, 3) of both planes against which directions are compared: the top's are the bottom's, turned the shortest way."""
-    first, second = bottom.normal, top.normal
-    axes = bottom.frame[1:3]
-    cross, cosine = np.cross(first, second), float(first @ second)
+    """Axes (3, 3) of both planes against which directions are compared: two in the plane and its normal.
+
+    The top's are the bottom's, turned the shortest way.
+    """
+    axes = bottom.frame[1:4]
+    cross, cosine = np.cross(bottom.normal, top.normal), float(bottom.normal @ top.normal)
     turned = axes + np.cross(cross, axes) + np.cross(cross, np.cross(cross, axes)) / (1.0 + cosine)
     return axes, np.asarray(turned)

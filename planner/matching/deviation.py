@@ -1,0 +1,110 @@
+"""How far the walls of a layer lie from the mesh between its planes, both ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.matching.walls import LayerWalls
+from planner.mesh.mesh import Mesh
+from planner.mesh.nearest import FacetTree
+from planner.nurbs.ruled import RuledSurface
+from planner.slicing.slicer import slice_mesh
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of a ruling, where it is measured: a chord is farthest from its arc half-way, a third-order difference a quarter off."""
+_LEAST_AREA = 1e-12  # of the largest triangle: where one contour stands still, triangles have no area
+_PER_PIECE = 2  # places along each piece
+
+
+@dataclass(frozen=True, eq=False)
+class WallDeviation:
+    """Distances between walls and mesh inside one layer, mm.
+
+    wall_to_mesh : (a,) float   of points of the walls from the mesh, 5 on each ruling measured
+    mesh_to_wall : (b,) float   of the mesh's section points and vertices strictly inside the layer from the walls
+    """
+
+    wall_to_mesh: Floats
+    mesh_to_wall: Floats
+
+    @property
+    def max_mm(self) -> float:
+        """The largest of both, mm; 0 where there is nothing to measure."""
+        return max(float(self.wall_to_mesh.max(initial=0.0)), float(self.mesh_to_wall.max(initial=0.0)))
+
+    @property
+    def p99_mm(self) -> float:
+        """99th percentile, of the way that has the larger one, mm."""
+        ways = [np.percentile(way, 99.0) for way in (self.wall_to_mesh, self.mesh_to_wall) if len(way)]
+        return float(max(ways, default=0.0))
+
+
+def wall_deviation(layer_walls: LayerWalls, mesh: Mesh, tree: FacetTree | None = None) -> WallDeviation:
+    """Two-way distance between a layer's walls and the mesh inside the layer.
+
+    tree : of the mesh, to measure many layers quickly. Level ledges at the two planes belong to the planar faces, not
+    to the walls: mesh vertices in the planes are not measured.
+    """
+    if not layer_walls.walls:
+        return WallDeviation(np.empty(0), np.empty(0))
+    body = wall_mesh(layer_walls)
+    outward = (tree or FacetTree(mesh)).nearest(body.vertices)[0]
+    points = _inner_points(layer_walls, mesh)
+    inward = FacetTree(body).nearest(points)[0] if len(points) else np.empty(0)
+    return WallDeviation(outward, inward)
+
+
+def wall_mesh(layer_walls: LayerWalls) -> Mesh:
+    """The walls alone as triangles: an open mesh, outside to the right of the contours' direction."""
+    vertices, facets, count = [], [], 0
+    for wall in layer_walls.walls:
+        grid, cells = ring_triangles(wall.surface)
+        vertices.append(grid)
+        facets.append(cells + count)
+        count += len(grid)
+    body = Mesh(np.concatenate(vertices), np.concatenate(facets))
+    return Mesh(body.vertices, body.facets[body.areas > _LEAST_AREA * body.areas.max()])
+
+
+def ring_triangles(surface: RuledSurface) -> tuple[Floats, Ints]:
+    """Vertices (n, 3) mm and triangles (m, 3) of one closed ring, finer along it than across."""
+    breaks = surface.curve0.breaks
+    share = np.arange(_PER_PIECE) / _PER_PIECE
+    u = (breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()
+    first, last = surface.curve0.evaluate(u), surface.curve1.evaluate(u)
+    v = np.array(_SHARES)[:, None, None]
+    grid = (1.0 - v) * first + v * last
+    rows, columns = len(_SHARES), len(u)
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b = number[:-1].ravel(), np.roll(number, -1, axis=1)[:-1].ravel()
+    c, d = np.roll(number, -1, axis=1)[1:].ravel(), number[1:].ravel()
+    facets = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return grid.reshape(-1, 3), facets
+
+
+def _inner_points(layer_walls: LayerWalls, mesh: Mesh) -> Floats:
+    """Points of the mesh inside the layer: on three sections, and its vertices."""
+    bottom, top = layer_walls.bottom_plane, layer_walls.top_plane
+    above, below = (mesh.vertices - bottom[:3]) @ bottom[3:], (top[:3] - mesh.vertices) @ top[3:]
+    thickness = abs(float((top[:3] - bottom[:3]) @ bottom[3:]))
+    margin = 1e-3 * thickness
+    points = [mesh.vertices[(above > margin) & (below > margin)]]
+    planes = np.array([_between(bottom, top, share) for share in _SHARES[1:-1]])
+    for section in slice_mesh(mesh, planes, "above"):
+        for loop in section.loops:
+            after = np.roll(loop.points, -1, axis=0)
+            points.append(np.concatenate([loop.points, 0.5 * (loop.points + after)]))
+    return np.concatenate(points)
+
+
+def _between(bottom: Floats, top: Floats, share: float) -> Floats:
+    """The plane (6,) at a share of the way from one plane to the other."""
+    normal = (1.0 - share) * bottom[3:] + share * top[3:]
+    point = (1.0 - share) * bottom[:3] + share * top[:3]
+    return np.concatenate([point, normal / np.linalg.norm(normal)])
