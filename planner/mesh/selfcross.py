@@ -161,9 +161,9 @@ def _edges_pierce(
             ex, ey, ez = b[0] - a[0], b[1] - a[1], b[2] - a[2]
             rx, ry, rz = place[0] - a[0], place[1] - a[1], place[2] - a[2]
             # distance inward of the rim edge: (n x e) . r / |e|
-            inward = (
-                (ny * ez - nz * ey) * rx + (nz * ex - nx * ez) * ry + (nx * ey - ny * ex) * rz
-            ) / np.sqrt(ex * ex + ey * ey + ez * ez)
+            inward = ((ny * ez - nz * ey) * rx + (nz * ex - nx * ez) * ry + (nx * ey - ny * ex) * rz) / np.sqrt(
+                ex * ex + ey * ey + ez * ez
+            )
             if inward < depth_mm:
                 inside = False
                 break

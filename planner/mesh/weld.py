@@ -18,17 +18,17 @@ def _slot_of(words: NDArray[np.uint32], row: int, slots: int) -> int:
     """Where the search for a row of words (n, 6) begins; products stay below 2**63.  Source: MurmurHash2, Appleby."""
     mixed = 0
     for axis in range(6):
-        mixed = ((mixed ^ np.int64(words[row, axis])) * 0x5BD1E995) & 0xFFFFFFFF
+        mixed = ((mixed ^ int(words[row, axis])) * 0x5BD1E995) & 0xFFFFFFFF
         mixed ^= mixed >> 15
     return int(mixed & (slots - 1))
 
 
 @njit(cache=True)
 def _is_equal(words: NDArray[np.uint32], p: int, q: int) -> bool:
+    same = True
     for axis in range(6):
-        if words[p, axis] != words[q, axis]:
-            return False
-    return True
+        same &= words[p, axis] == words[q, axis]
+    return same
 
 
 @njit(cache=True)

@@ -71,14 +71,12 @@ def _perimeter(points: Floats) -> float:
 
 
 @njit(cache=True)
-def flat_points(points: Floats, along: Floats, middle: Floats) -> Floats:
-    """Coordinates (n, 2) mm, in the axes along (2, 3), of points (n, 3) mm counted from middle (3,)."""
-    xy = np.empty((points.shape[0], 2), np.float64)
+def _flatten(points: Floats, along: Floats, middle: Floats, xy: Floats) -> None:
+    """Fill xy (n, 2) mm with the coordinates, in the axes along (2, 3), of points (n, 3) mm counted from middle."""
     for i in range(points.shape[0]):
         dx, dy, dz = points[i, 0] - middle[0], points[i, 1] - middle[1], points[i, 2] - middle[2]
         xy[i, 0] = dx * along[0, 0] + dy * along[0, 1] + dz * along[0, 2]
         xy[i, 1] = dx * along[1, 0] + dy * along[1, 1] + dz * along[1, 2]
-    return xy
 
 
 @njit(cache=True)
@@ -99,7 +97,11 @@ def point_inside(loop: Floats) -> tuple[float, float]:
             if (loop[i, 1] <= y) != (loop[j, 1] <= y):
                 cuts[count] = _cut(loop, i, j, y)
                 count += 1
-        spans = np.sort(cuts[:count])
+        spans = cuts[:count]
+        if count > 2:
+            spans = np.sort(spans)
+        elif spans[0] > spans[1]:
+            spans[0], spans[1] = spans[1], spans[0]
         for i in range(0, count - 1, 2):
             if spans[i + 1] - spans[i] > best:
                 best = spans[i + 1] - spans[i]
@@ -116,6 +118,49 @@ def _cut(loop: Floats, i: int, j: int, y: float) -> float:
         i, j = j, i
     t = (y - loop[i, 1]) / (loop[j, 1] - loop[i, 1])
     return float(loop[i, 0] + t * (loop[j, 0] - loop[i, 0]))
+
+
+@njit(cache=True)
+def holds_point(loop: Floats, x: float, y: float) -> bool:
+    """Whether (x, y) lies inside the loop, (n, 2) float mm, by the even-odd rule."""
+    inside = False
+    for i in range(loop.shape[0]):
+        j = i + 1 if i + 1 < loop.shape[0] else 0
+        if (loop[i, 1] <= y) != (loop[j, 1] <= y) and x < _cut(loop, i, j, y):
+            inside = not inside
+    return inside
+
+
+@njit(cache=True)
+def _is_boxed(inner: Floats, outer: Floats, slack_mm: float) -> bool:
+    """Whether one box (4,) lies in the other."""
+    return bool(
+        outer[0] <= inner[0] + slack_mm
+        and outer[1] <= inner[1] + slack_mm
+        and outer[2] >= inner[2] - slack_mm
+        and outer[3] >= inner[3] - slack_mm
+    )
+
+
+@njit(cache=True)
+def _nest_few(
+    xy: Floats, rows: Ints, members: Ints, area: Floats, box: Floats, slack_mm: float, parent: Ints32
+) -> None:
+    """As `_nest_many`, comparing every pair of loops; area and box are those of all loops, members the numbers."""
+    for a in range(rows.shape[0]):
+        size, held = abs(area[members[a]]), np.inf
+        is_known = False
+        x, y = 0.0, 0.0
+        for b in range(rows.shape[0]):
+            larger = abs(area[members[b]])
+            if not (size < larger < held and _is_boxed(box[members[a]], box[members[b]], slack_mm)):
+                continue
+            if not is_known:
+                x, y = point_inside(xy[rows[a, 0] : rows[a, 1]])
+                is_known = True
+            if holds_point(xy[rows[b, 0] : rows[b, 1]], x, y):
+                parent[a] = b
+                held = larger
 
 
 @njit(cache=True)
@@ -172,20 +217,19 @@ def _reach(low: float, high: float, start: float, step: float, side: int) -> tup
 
 
 @njit(cache=True)
-def _nest_plane(xy: Floats, start: Ints, area: Floats, box: Floats, slack_mm: float, parent: Ints32) -> None:
+def _nest_many(xy: Floats, rows: Ints, area: Floats, box: Floats, slack_mm: float, parent: Ints32) -> None:
     """Smallest loop that each loop lies in, of loops of one plane.
 
-    xy : (n, 2) float mm;  start : (loops, 2) int64, first and last row + 1 of each;  area : (loops,);  box : (loops, 4)
-    parent : (loops,) int32, filled with numbers, -1 for none.  Time n log n and the crossings of loops with the level
+    xy : (n, 2) float mm;  rows : (loops, 2) int64, first and last row + 1 of each;  area : (loops,);  box : (loops, 4)
+    parent : (loops,) int32, all -1, filled with numbers.  Time n log n and the crossings of loops with the level
     lines through the points they hold.
     """
-    loops = start.shape[0]
-    parent[:] = -1
+    loops = rows.shape[0]
     inner = np.empty((loops, 2), np.float64)
     for a in range(loops):
-        inner[a, 0], inner[a, 1] = point_inside(xy[start[a, 0] : start[a, 1]])
+        inner[a, 0], inner[a, 1] = point_inside(xy[rows[a, 0] : rows[a, 1]])
     by_height = np.argsort(inner[:, 1], kind="mergesort")
-    side = 1 if loops <= MAX_PLAIN_LOOPS else int(np.sqrt(loops))
+    side = int(np.sqrt(loops))
     low = np.array((inner[:, 0].min(), inner[:, 1].min()))
     step = np.array((inner[:, 0].max() - low[0], inner[:, 1].max() - low[1])) / side + slack_mm
     first, items = _grid(inner, by_height, low, step, side)
@@ -201,19 +245,15 @@ def _nest_plane(xy: Floats, start: Ints, area: Floats, box: Floats, slack_mm: fl
                 if (
                     abs(area[b]) > abs(area[a])
                     and (parent[a] < 0 or abs(area[b]) < abs(area[parent[a]]))
-                    and box[b, 0] <= box[a, 0] + slack_mm
-                    and box[b, 1] <= box[a, 1] + slack_mm
-                    and box[b, 2] >= box[a, 2] - slack_mm
-                    and box[b, 3] >= box[a, 3] - slack_mm
+                    and _is_boxed(box[a], box[b], slack_mm)
                 ):
                     wanted[count] = a
                     count += 1
         if count == 0:
             continue
         asked = wanted[:count]
-        if side > 1:
-            asked = asked[np.argsort(inner[asked, 1], kind="mergesort")]
-        _toggle_held(xy[start[b, 0] : start[b, 1]], inner, asked, held[:count])
+        asked = asked[np.argsort(inner[asked, 1], kind="mergesort")]
+        _toggle_held(xy[rows[b, 0] : rows[b, 1]], inner, asked, held[:count])
         for w in range(count):
             if held[w]:
                 parent[asked[w]] = b
@@ -232,19 +272,26 @@ def nest_loops(
     Returns parent : (l,) int32, counted from the plane's first loop, -1 for none.
     """
     parent = np.full(loops.shape[0], -1, np.int32)
+    xy, rows = np.empty((0, 2), np.float64), np.empty((0, 2), np.int64)
     for k in range(first.shape[0] - 1):
         count = first[k + 1] - first[k]
         if count < 2:
             continue
         members = loops[first[k] : first[k + 1]]
-        rows = np.empty((count, 2), np.int64)
+        if count > rows.shape[0]:
+            rows = np.empty((2 * count, 2), np.int64)
         total = 0
         for i in range(count):
             size = start[members[i] + 1] - start[members[i]]
             rows[i, 0], rows[i, 1] = total, total + size
             total += size
-        xy = np.empty((total, 2), np.float64)
+        if total > xy.shape[0]:
+            xy = np.empty((2 * total, 2), np.float64)
         for i in range(count):
-            xy[rows[i, 0] : rows[i, 1]] = flat_points(points[start[members[i]] : start[members[i] + 1]], along, middle)
-        _nest_plane(xy, rows, area[members], box[members], slack_mm, parent[first[k] : first[k + 1]])
+            _flatten(points[start[members[i]] : start[members[i] + 1]], along, middle, xy[rows[i, 0] : rows[i, 1]])
+        found = parent[first[k] : first[k + 1]]
+        if count <= MAX_PLAIN_LOOPS:
+            _nest_few(xy, rows[:count], members, area, box, slack_mm, found)
+        else:
+            _nest_many(xy, rows[:count], area[members], box[members], slack_mm, found)
     return parent

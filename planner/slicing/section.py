@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -184,12 +185,15 @@ def plane_frame(plane: ArrayLike) -> Floats:
     plane : (6,) float   a point (mm) and a unit normal
     Returns (4, 3) float: origin, u, v, w.  The plane z = h gives u = x, v = y; the plane x = h gives u = y, v = z.
     """
-    values = np.asarray(plane, dtype=np.float64)
-    normal = values[3:]
-    towards = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    along = towards - normal * float(normal @ towards)
-    along = along / np.linalg.norm(along)
-    return np.array([values[:3], along, np.cross(normal, along), normal])
+    x, y, z, wx, wy, wz = np.asarray(plane, dtype=np.float64).tolist()
+    if abs(wx) < 0.9:
+        u = (1.0 - wx * wx, -wy * wx, -wz * wx)
+    else:
+        u = (-wx * wy, 1.0 - wy * wy, -wz * wy)
+    length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    ux, uy, uz = u[0] / length + 0.0, u[1] / length + 0.0, u[2] / length + 0.0  # + 0.0 turns -0 into 0
+    v = (wy * uz - wz * uy + 0.0, wz * ux - wx * uz + 0.0, wx * uy - wy * ux + 0.0)
+    return np.array([(x, y, z), (ux, uy, uz), v, (wx, wy, wz)])
 
 
 def checked_planes(planes: ArrayLike) -> Floats:
@@ -208,7 +212,7 @@ def checked_planes(planes: ArrayLike) -> Floats:
     if not np.isfinite(values).all():
         bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
         raise InputError(f"plane {bad} holds a number that is not finite", "check how the planes were computed")
-    length = np.linalg.norm(values[:, 3:], axis=1)
+    length = np.sqrt(np.einsum("ij,ij->i", values[:, 3:], values[:, 3:]))
     if (np.abs(length - 1.0) > 1e-6).any():
         bad = int(np.argmax(np.abs(length - 1.0)))
         raise InputError(f"the normal of plane {bad} has length {length[bad]:.6g}, not 1", "normalise it")
