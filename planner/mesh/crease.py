@@ -15,8 +15,8 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Weighting = Literal["sphere", "angle", "area"]
 
-_SHORTEST = 0.02
-"""Edges shorter than this share of a facet's longest count as that long: slivers get no weight from rounding."""
+_SHORTEST = 0.005
+"""Edges shorter than this share of the longest one around their fan count as that long: splinters get no weight."""
 
 
 def edge_bends(mesh: Mesh) -> Floats:
@@ -52,7 +52,7 @@ def corner_normals(mesh: Mesh, crease_deg: float, weighting: Weighting = "sphere
     Source: N. Max, Weights for computing vertex normals from facet normals, J. Graphics Tools 4 (1999).
     """
     fan = smooth_fans(mesh, crease_edges(mesh, crease_deg))
-    weighted = mesh.normals[:, None, :] * _corner_weights(mesh, weighting)[:, :, None]
+    weighted = mesh.normals[:, None, :] * _corner_weights(mesh, fan, weighting)[:, :, None]
     return fan_means(fan, weighted)
 
 
@@ -112,7 +112,7 @@ def _join_corners(mate: Ints) -> Ints:  # pragma: no cover
     return number
 
 
-def _corner_weights(mesh: Mesh, weighting: Weighting) -> Floats:
+def _corner_weights(mesh: Mesh, fan: Ints, weighting: Weighting) -> Floats:
     """(m, 3) float: how much each facet counts at each of its corners. Raises ValueError for another weighting."""
     if weighting == "area":
         return np.asarray(np.repeat(mesh.areas[:, None], 3, axis=1))
@@ -124,5 +124,8 @@ def _corner_weights(mesh: Mesh, weighting: Weighting) -> Floats:
         return np.asarray(np.arctan2(2.0 * mesh.areas[:, None], cosine))
     if weighting != "sphere":
         raise ValueError(f"weighting is {weighting!r}, not 'sphere', 'angle' or 'area'")
-    counted = np.maximum(length, np.maximum(_SHORTEST * length.max(axis=1, keepdims=True), 1e-300))
-    return np.asarray(2.0 * mesh.areas[:, None] / (counted * np.roll(counted, 1, axis=1)) ** 2)
+    before = np.roll(length, 1, axis=1)
+    longest = np.full(int(fan.max(initial=-1)) + 1, 1e-75)
+    np.maximum.at(longest, fan.ravel(), np.maximum(length, before).ravel())
+    least = _SHORTEST * longest[fan]
+    return np.asarray(2.0 * mesh.areas[:, None] / (np.maximum(length, least) * np.maximum(before, least)) ** 2)

@@ -12,6 +12,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _STEPS = 8  # of Newton; three are enough where the facet stands for a smooth surface
+_SETTLED = 1e-14  # square of a step, as a share of the patch: its error is the square of that again
 _BESIDE = 0.3  # share of the patch by which a foot may lie outside it: there the neighbour's patch is meant
 
 
@@ -43,51 +44,41 @@ def distances_to_patches(surface: SmoothSurface, points: Floats, facets: Ints, d
 def _offsets(nets: Floats, rows: Ints, points: Floats, directions: Floats) -> Floats:  # pragma: no cover
     """s with point + s · direction on the patch, by Newton on the two patch coordinates and s; NaN where it fails."""
     result = np.full(points.shape[0], np.nan)
-    at, by_v, by_w = np.empty(3), np.empty(3), np.empty(3)
+    at, by_v, by_w, rest, cross = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(points.shape[0]):
         net, p, d = nets[rows[k]], points[k], directions[k]
-        v, w, s = _first_guess(net, p, d)
+        for i in range(3):
+            at[i], by_v[i], by_w[i] = net[0, i], net[1, i] - net[0, i], net[2, i] - net[0, i]
+        size2 = _dot(by_v, by_v) + _dot(by_w, by_w)
+        v, w, s = 0.0, 0.0, 0.0
         for _ in range(_STEPS):
+            for i in range(3):
+                rest[i] = at[i] - p[i] - s * d[i]
+                cross[i] = by_v[(i + 1) % 3] * by_w[(i + 2) % 3] - by_v[(i + 2) % 3] * by_w[(i + 1) % 3]
+            a, b, c = _dot(by_v, by_v), _dot(by_v, by_w), _dot(by_w, by_w)
+            area2, across = a * c - b * b, _dot(d, cross)
+            if across == 0.0 or area2 <= 0.0:
+                break
+            step_s = _dot(rest, cross) / across
+            for i in range(3):
+                rest[i] -= step_s * d[i]
+            e, f = -_dot(rest, by_v), -_dot(rest, by_w)
+            step_v, step_w = (e * c - f * b) / area2, (a * f - b * e) / area2
+            v, w, s = v + step_v, w + step_w, s + step_s
+            if not (v > -1.0 and w > -1.0 and v + w < 2.0):
+                break
+            if step_s * step_s < _SETTLED * size2 and step_v * step_v + step_w * step_w < _SETTLED:
+                if v > -_BESIDE and w > -_BESIDE and v + w < 1.0 + _BESIDE:
+                    result[k] = s
+                break
             _patch_at(net, v, w, at, by_v, by_w)
-            rest = at - p - s * d
-            cross = np.cross(by_v, by_w)
-            determinant = -(d[0] * cross[0] + d[1] * cross[1] + d[2] * cross[2])
-            if determinant == 0.0:
-                break
-            step_s = -(rest[0] * cross[0] + rest[1] * cross[1] + rest[2] * cross[2]) / determinant
-            moved = rest - step_s * d
-            a, b, c = (by_v * by_v).sum(), (by_v * by_w).sum(), (by_w * by_w).sum()
-            e, f = -(moved * by_v).sum(), -(moved * by_w).sum()
-            area2 = a * c - b * b
-            if area2 <= 0.0:
-                break
-            v, w, s = v + (e * c - f * b) / area2, w + (a * f - b * e) / area2, s + step_s
-            if not (-1.0 < v < 2.0 and -1.0 < w < 2.0):
-                break
-        inside = v > -_BESIDE and w > -_BESIDE and v + w < 1.0 + _BESIDE
-        if inside:
-            _patch_at(net, v, w, at, by_v, by_w)
-            rest = at - p - s * d
-            if (rest * rest).sum() < 1e-16 * (1.0 + (p * p).sum()):
-                result[k] = s
     return result
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _first_guess(net: Floats, p: Floats, d: Floats) -> tuple[float, float, float]:  # pragma: no cover
-    """Where the line meets the plane of the corners: patch coordinates v, w and the distance s along it."""
-    by_v, by_w = net[1] - net[0], net[2] - net[0]
-    cross = np.cross(by_v, by_w)
-    away = p - net[0]
-    across = (d * cross).sum()
-    s = -(away * cross).sum() / across if across != 0.0 else 0.0
-    foot = away + s * d
-    a, b, c = (by_v * by_v).sum(), (by_v * by_w).sum(), (by_w * by_w).sum()
-    e, f = (foot * by_v).sum(), (foot * by_w).sum()
-    area2 = a * c - b * b
-    if area2 <= 0.0:
-        return 0.3, 0.3, 0.0
-    return (e * c - f * b) / area2, (a * f - b * e) / area2, s
+def _dot(a: Floats, b: Floats) -> float:  # pragma: no cover
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

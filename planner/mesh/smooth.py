@@ -23,10 +23,9 @@ Flags = NDArray[np.bool_]
 STORED = 1.2e-7
 """Coordinates of an STL are 32-bit: two neighbouring numbers differ by this share of the largest coordinate."""
 _FLAT_RATIO = 4.0  # a plane face this much wider than the strips beside it is a flat face, not a step along a bend
-_APEX_RATIO = (
-    0.25  # of the bend at a vertex that its neighbours see along the same edge: below it the surface is a cone
-)
+_APEX_RATIO = 0.25  # of the bend at a vertex that its neighbours see along the edge: below it the surface is a cone
 _APEX_BEND = 0.02  # rad; less bent vertices are no tip
+_STRAIGHT_RAD = 1e-5  # an edge whose curve leaves it at a smaller angle is straight: the rounding of 32-bit coordinates
 _STEEPEST = 0.5  # cosine: a normal or crease that leads further off an edge than 60 degrees says nothing about it
 
 
@@ -170,7 +169,8 @@ def edge_curves(surface: SmoothSurface, facet: Ints, edge: Ints) -> tuple[Floats
     on_crease *= np.sign(np.einsum("nd,nkd->nk", unit, on_crease))[:, :, None]
     is_crease = surface.creases[facet, edge]
     tangent = _unit(np.where(is_crease[:, None, None], on_crease, on_plane))
-    parts = np.einsum("nd,nkd->nk", unit, tangent) < _STEEPEST
+    off_edge = np.linalg.norm(tangent - unit[:, None, :], axis=2)
+    parts = (off_edge <= _STRAIGHT_RAD) | (np.einsum("nd,nkd->nk", unit, tangent) < _STEEPEST)
     tangent[parts] = np.repeat(unit[:, None, :], 2, axis=1)[parts]
     handle = equal_speed(along, tangent[:, 0], tangent[:, 1])[:, None] / 3.0
     bezier = np.stack([start, start + handle * tangent[:, 0], end - handle * tangent[:, 1], end], axis=1)

@@ -23,8 +23,9 @@ from planner.nurbs.rings import curves_from_region
 from planner.nurbs.sampling import divide_evenly
 from planner.plan import Contour
 from planner.recipe import Recipe
+from planner.slicing.chain import chain_of
 from planner.slicing.nearness import nearest_sides
-from planner.slicing.nodes import Outline, kept_nodes, lifted_nodes
+from planner.slicing.nodes import Outline, lifted_nodes
 from planner.slicing.regions import LayerRegion, is_same
 from planner.slicing.section import Section
 
@@ -99,16 +100,13 @@ def section_curves(section: Section, mesh: Mesh, style: ContourStyle = ContourSt
 
 
 def _along_surface(outline: Outline, surface: SmoothSurface, style: ContourStyle) -> list[Curve]:
-    nodes = lifted_nodes(outline, surface)
-    keep = kept_nodes(outline, nodes, float(np.abs(surface.mesh.bounds).max()))
-    rows = [np.arange(first, last)[keep[first:last]] for first, last in pairwise(outline.start.tolist())]
-    tangents = nodes.tangents[:, 1].copy()
-    tangents[nodes.corners] = np.nan
+    chain = chain_of(outline, lifted_nodes(outline, surface), float(np.abs(surface.mesh.bounds).max()))
+    parts = [slice(first, last) for first, last in pairwise(chain.start.tolist())]
     return interpolate_many(
-        [nodes.points[row] for row in rows],
+        [chain.points[part] for part in parts],
         closed=True,
-        corners=[nodes.corners[row] for row in rows],
-        tangents=[tangents[row] for row in rows],
+        corners=[chain.corners[part] for part in parts],
+        tangents=[chain.tangents[part] for part in parts],
         handles=style.handles,
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.mesh.smooth import STORED, SmoothSurface, bezier_at, edge_curves
+from planner.mesh.smooth import SmoothSurface, bezier_at, edge_curves
 from planner.slicing.section import Section
 
 Floats = NDArray[np.float64]
@@ -19,7 +19,6 @@ _NEWTON_STEPS = 12
 _FARTHEST = 0.3  # of an edge, along it: edges that meet the plane at so small an angle are left across, in the plane
 _LONGEST_MOVE = 0.5  # of an edge: a point that would move farther stays
 _LEVEL = 1e-3  # sine of the angle between plane and surface below which the curve has no direction
-_STRAIGHT_MM = 1e-5  # points of flat faces that lie this near to the line of their neighbours are dropped
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +110,7 @@ def lifted_nodes(outline: Outline, surface: SmoothSurface) -> Nodes:
     tangents = np.cross(outline.normal[:, None, :], normals)
     size = np.linalg.norm(tangents, axis=2)[:, :, None]
     tangents = np.divide(tangents, size, out=np.full_like(tangents, np.nan), where=size > _LEVEL)
-    return Nodes(_in_order(outline, points), tangents, corners, flat)
+    return Nodes(points, tangents, corners, flat)
 
 
 def _edge_in(corners: Ints, edges: Ints) -> Ints:
@@ -214,51 +213,3 @@ def _back_to_plane(point: Floats, raw: Floats, plane: Floats, normal: Floats, is
     direct = plane * off[:, None]
     along = across * (off / np.where(use, size2, 1.0))[:, None]
     return np.asarray(point - np.where(use[:, None], along, direct))
-
-
-def _in_order(outline: Outline, points: Floats) -> Floats:
-    """The points, moved back where the contour would run backwards between two of them."""
-    points = points.copy()
-    after = outline.after
-    for _ in range(3):
-        raw = outline.points[after] - outline.points
-        wrong = np.einsum("nd,nd->n", raw, points[after] - points) <= 0.0
-        if not wrong.any():
-            break
-        for rows in (np.flatnonzero(wrong), after[wrong]):
-            points[rows] = outline.points[rows]
-    return points
-
-
-def kept_nodes(outline: Outline, nodes: Nodes, size_mm: float) -> Flags:
-    """Which points stay: all but those between facets of one plane that lie on the line of their neighbours.
-
-    size_mm : largest coordinate of the mesh, for the rounding of its numbers.   At least three points of a loop stay.
-    """
-    keep = ~nodes.flat | nodes.corners
-    tolerance = max(_STRAIGHT_MM, 4.0 * STORED * size_mm)
-    counts = np.diff(outline.start)
-    few = np.add.reduceat(keep, outline.start[:-1]) < 3 if len(counts) else np.zeros(0, dtype=bool)
-    keep |= few[outline.loop]
-    for _ in range(8):
-        low, high = _kept_neighbours(outline, keep)
-        chord = outline.points[high] - outline.points[low]
-        away = outline.points - outline.points[low]
-        length2 = np.maximum(np.einsum("nd,nd->n", chord, chord), 1e-300)
-        share = np.clip(np.einsum("nd,nd->n", away, chord) / length2, 0.0, 1.0)
-        off = ~keep & (np.linalg.norm(away - share[:, None] * chord, axis=1) > tolerance)
-        if not off.any():
-            break
-        keep |= off
-    return np.asarray(keep)
-
-
-def _kept_neighbours(outline: Outline, keep: Flags) -> tuple[Ints, Ints]:
-    """For every point the kept one at or before it and the kept one after it, within its loop, cyclically."""
-    kept = np.flatnonzero(keep)
-    first_kept = np.searchsorted(kept, outline.start[:-1])
-    last_kept = np.searchsorted(kept, outline.start[1:]) - 1
-    at = np.searchsorted(kept, np.arange(len(keep)), side="right") - 1
-    low = np.where(at < first_kept[outline.loop], last_kept[outline.loop], at)
-    high = np.where(at + 1 > last_kept[outline.loop], first_kept[outline.loop], at + 1)
-    return kept[low], kept[high]
