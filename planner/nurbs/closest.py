@@ -19,6 +19,7 @@ Indices = NDArray[np.intp]
 _FLAT = 0.05  # a leaf's control points stray from its chord by this share of it at most: it turns by about 0.4 rad
 _DEPTH = 24  # halvings of a piece at most: near a cusp no leaf is flat
 _STEPS = 60  # bisection alone ends in about 52
+_ROUNDING = 1e-14  # squared distances closer than this share are equal
 
 
 class ClosestTree:
@@ -206,6 +207,7 @@ def _foot_on_leaf(
         found, best = 1.0, last2
     low, high = 0.0, 1.0
     t = min(max(along / length2, 0.0), 1.0) if length2 > 0.0 else 0.5
+    away2 = np.inf
     for _ in range(_STEPS):
         bezier_jet(net, degree, t, rational, work, jet)
         slope, speed2, bend, away2 = 0.0, 0.0, 0.0, 0.0
@@ -234,6 +236,8 @@ def _foot_on_leaf(
         if abs(step - t) <= 1e-16:
             break
         t = step
+    if away2 <= best * (1.0 + _ROUNDING):  # where the distance no longer tells, the slope still does
+        found, best = t, min(best, away2)
     return found, best
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -230,22 +231,27 @@ class Curve:
         raised = knot_work.elevate_degree(self.degree, self.knots, self.homogeneous, degree - self.degree)
         return Curve.from_homogeneous(*raised, self.weights is not None)
 
-    def split(self, u: float) -> tuple[Curve, Curve]:
-        """The curve before and after a parameter, each on its share of the domain.
+    def split(self, u: ArrayLike) -> tuple[Curve, ...]:
+        """The curve before, between and after the parameters, each part on its share of the domain.
 
-        Raises ValueError if u is not inside the domain. Source: Piegl & Tiller ch. 5.3.
+        u : (k,) float or a number   In any order; k different parameters give k+1 curves.
+        Raises ValueError if one is not inside the domain. Source: Piegl & Tiller ch. 5.3.
         """
         low, high = self.domain
-        if not low < u < high:
-            raise ValueError(f"cannot split at {u:g}: the domain is ({low:g}, {high:g})")
-        p = self.degree
-        more = max(p - knot_work.multiplicity(self.knots, u), 0)
-        knots, rows = knot_work.insert_knots(p, self.knots, self.homogeneous, np.full(more, u))
-        k = int(np.searchsorted(knots, u, side="right")) - 1
-        rational = self.weights is not None
-        before = Curve.from_homogeneous(p, np.append(knots[: k + 1], u), rows[: k - p + 1], rational)
-        after = Curve.from_homogeneous(p, np.append(u, knots[k - p + 1 :]), rows[k - p :], rational)
-        return before, after
+        cuts = np.unique(np.asarray(u, dtype=np.float64))
+        if not (cuts.size and np.all((cuts > low) & (cuts < high))):
+            raise ValueError(f"cannot split at {cuts}: the domain is ({low:g}, {high:g})")
+        p, rational = self.degree, self.weights is not None
+        more = np.concatenate([np.full(max(p - knot_work.multiplicity(self.knots, at), 0), at) for at in cuts])
+        knots, rows = knot_work.insert_knots(p, self.knots, self.homogeneous, more)
+        edges = np.concatenate([[low], cuts, [high]])
+        parts = []
+        for start, end in pairwise(edges.tolist()):
+            first = int(np.searchsorted(knots, start, side="right")) - p - 1
+            last = int(np.searchsorted(knots, end, side="left")) - 1
+            own = np.concatenate([[start], knots[first + 1 : last + p + 1], [end]])
+            parts.append(Curve.from_homogeneous(p, own, rows[first : last + 1], rational))
+        return tuple(parts)
 
     @cached_property
     def pieces(self) -> BezierPieces:
