@@ -209,7 +209,7 @@ def climb(
 
 @njit(cache=True)
 def _top_of(facets: Ints, height: Floats, f: int) -> float:
-    return max(height[facets[f, 0]], max(height[facets[f, 1]], height[facets[f, 2]]))
+    return float(max(height[facets[f, 0]], max(height[facets[f, 1]], height[facets[f, 2]])))
 
 
 @njit(cache=True)

@@ -55,6 +55,13 @@ def branch_walls(
     return [_swept_down(slab, high, number, group.bottom) for number in group.top]
 
 
+def swept_walls(slab: Slab, low: Rim, high: Rim) -> list[RuledWall]:
+    """All contours of the plane that has more of them (of the bottom if equal), swept straight to the other plane."""
+    if len(low.curves) >= len(high.curves):
+        return [_swept_up(slab, low, number, ()) for number in range(len(low.curves))]
+    return [_swept_down(slab, high, number, ()) for number in range(len(high.curves))]
+
+
 def _swept_up(slab: Slab, low: Rim, number: int, top: tuple[int, ...]) -> RuledWall:
     curve = low.outlines[number].curve
     surface = RuledSurface(curve, swept_curve(curve, slab.top, slab.bottom[3:]))
@@ -140,7 +147,8 @@ def _moved(mesh: Mesh, slab: Slab, section: Section, way: float) -> Section:
     """The section a little further along (way 1) or against (-1) its normal."""
     thickness = abs(float((slab.top[:3] - slab.bottom[:3]) @ slab.bottom[3:]))
     plane = section.plane.copy()
-    plane[:3] += plane[3:] * (way * NEAR_SHARE * thickness)
+    step = min(max(NEAR_SHARE * thickness, 4.0 * IN_PLANE_FRACTION * mesh.diagonal), 0.25 * thickness)
+    plane[:3] += plane[3:] * (way * step)
     return slice_mesh(mesh, plane[None], "above" if way > 0.0 else "below")[0]
 
 

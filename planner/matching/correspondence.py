@@ -246,4 +246,5 @@ def _solve_ring(diagonal: Floats, right: Floats, off: float) -> Floats:  # pragm
     sides[0, 1], sides[n - 1, 1] = first, off
     both = _solve_chain(changed, sides, off)
     share = (both[0, 0] + off * both[n - 1, 0] / first) / (1.0 + both[0, 1] + off * both[n - 1, 1] / first)
-    return both[:, 0] - share * both[:, 1]
+    result: Floats = both[:, 0] - share * both[:, 1]
+    return result

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from planner.matching.adjacency import match_in_slab, match_sections
-from planner.matching.branching import branch_walls, names_in, sections_apart, swept_curve
-from planner.matching.slab import slab_of
+from planner.matching.branching import branch_walls, names_in, sections_apart, swept_curve, swept_walls
+from planner.matching.contact import first_contact
+from planner.matching.slab import Slab, slab_of
 from planner.matching.twist import largest_twist
-from planner.matching.walls import LayerWalls, RuledWall, joined, plane_axes, rim_of
+from planner.matching.walls import LayerWalls, Rim, RuledWall, joined, plane_axes, rim_of
+from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh
 from planner.nurbs.curve import Curve
 from planner.nurbs.ruled import RuledSurface
 from planner.slicing.contours import ContourStyle, section_curves_many
 from planner.slicing.section import Section
+
+Floats = NDArray[np.float64]
 
 SURFACE_STYLE = ContourStyle()
 """Contours along the smooth surface, as recipes have it by default."""
@@ -66,6 +73,7 @@ def _walls(
             walls.append(RuledWall(surface, how, (number,), (other,), largest_twist(surface)))
         else:
             walls += branch_walls(mesh, slab, low, high, group, style)
+    walls, notes = _kept_apart(walls, slab, low, high, axes[0][:2])
     walls = [_in_planes(mesh, wall, given, apart) for wall in walls]
     return LayerWalls(
         given[0].plane,
@@ -74,7 +82,21 @@ def _walls(
         tuple(walls),
         tuple(wall.surface.curve0 for wall in walls),
         tuple(wall.surface.curve1 for wall in walls),
+        notes,
     )
+
+
+def _kept_apart(
+    walls: list[RuledWall], slab: Slab, low: Rim, high: Rim, axes: Floats
+) -> tuple[list[RuledWall], tuple[str, ...]]:
+    """The walls if they stay apart between the planes; else all swept from the plane with more contours, and why."""
+    contact = first_contact([wall.surface for wall in walls], axes)
+    if contact is None:
+        return walls, ()
+    place = place_text(contact.place)
+    which = "a wall would meet itself" if contact.first == contact.second else "two walls would meet"
+    note = f"{which} at {contact.share:.0%} of the layer's height, near {place}: its contours are swept straight"
+    return swept_walls(slab, low, high), (note,)
 
 
 def _in_planes(

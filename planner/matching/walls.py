@@ -8,13 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.matching.adjacency import Matching, match_in_slab
+from planner.matching.adjacency import Matching
 from planner.matching.correspondence import match_outlines
 from planner.matching.creases import corner_anchors, crease_graph
 from planner.matching.outline import Outline, outline_of
 from planner.matching.rulings import ruled_between
-from planner.matching.slab import Slab, slab_of
-from planner.matching.twist import largest_twist
+from planner.matching.slab import Slab
 from planner.mesh.mesh import Mesh
 from planner.mesh.smooth import smooth_surface
 from planner.nurbs.curve import Curve
@@ -49,6 +48,7 @@ class LayerWalls:
     bottom_plane, top_plane : (6,) float   a point (mm) and the unit normal
     bottom_loops, top_loops : the closed boundary curves in the two planes, material on the left seen against the
     normal; wall i joins bottom_loops[i] to top_loops[i]
+    notes : one line for every wall that could not be ruled as its contours ask, and what was done
     """
 
     bottom_plane: Floats
@@ -57,6 +57,7 @@ class LayerWalls:
     walls: tuple[RuledWall, ...]
     bottom_loops: tuple[Curve, ...]
     top_loops: tuple[Curve, ...]
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
