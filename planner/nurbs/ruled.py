@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from planner.errors import FitError
 from planner.nurbs.curve import Curve
 from planner.nurbs.knots import missing_knots
+from planner.nurbs.surface import Surface
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +71,20 @@ class RuledSurface:
         first, second = self.normals(u, 0.0), self.normals(u, 1.0)
         apart, together = np.linalg.norm(first - second, axis=1), np.linalg.norm(first + second, axis=1)
         return np.asarray(2.0 * np.arctan2(apart, together))
+
+    def as_surface(self) -> Surface:
+        """The same surface as a tensor product of degree (p, 1): u as here, v = 0 on curve0, v = 1 on curve1.
+
+        Where the weights of both curves at one u differ, v runs unevenly along that ruling, which is the same line.
+        Source: paper Eq. 19; Piegl & Tiller Eq. 8.15.
+        """
+        first, second = self.curve0, self.curve1
+        net = np.stack([first.control_points, second.control_points], axis=1)
+        weights = None
+        if first.weights is not None or second.weights is not None:
+            weights = np.stack([np.ones(len(net)) if c.weights is None else c.weights for c in (first, second)], axis=1)
+        across = np.array([0.0, 0.0, 1.0, 1.0])
+        return Surface(first.degree, 1, first.knots, across, net, weights)
 
 
 def on_common_basis(first: Curve, second: Curve) -> tuple[Curve, Curve]:
