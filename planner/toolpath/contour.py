@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon
@@ -10,6 +12,7 @@ from planner.nurbs.offset import inset
 from planner.nurbs.rings import curves_from_region
 from planner.plan import Pass
 from planner.process import Bead, Settings
+from planner.toolpath.fitting import Stretch
 from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
 
 Floats = NDArray[np.float64]
@@ -57,23 +60,27 @@ def _rightmost(loop: Motion) -> float:
     return float(arcs[int(np.argmax(np.round(points[:, 0], 3)))])
 
 
-def closed_bead(loop: Motion, bead: Bead, settings: Settings) -> Pass:
-    """A bead all the way round: tangential lead-in, the loop, a little overlap, lead-out along the loop."""
+def closed_bead(loop: Motion, bead: Bead, settings: Settings, stretches: Sequence[Stretch] = ()) -> Pass:
+    """A bead all the way round: tangential lead-in, the loop, a little overlap, lead-out along the loop.
+
+    stretches : along the loop, where the bead changes.
+    """
     facts = settings.material.deposition
     length = loop.length
     overlap = min(_OVERLAP * bead.width_mm, 0.2 * length)
     tail = min(overlap + facts.lead_out_mm, 0.9 * length)
-    return _with_leads(loop, [loop, loop.from_arc(tail)[0]], length + overlap, bead, settings)
+    beads = stretches or [Stretch(0.0, bead)]
+    return _with_leads(loop, [loop, loop.from_arc(tail)[0]], length + overlap, beads, settings)
 
 
-def open_bead(line: Motion, bead: Bead, settings: Settings) -> Pass:
-    """A bead from end to end, led in and out along its tangents."""
+def open_bead(line: Motion, bead: Bead, settings: Settings, stretches: Sequence[Stretch] = ()) -> Pass:
+    """A bead from end to end, led in and out along its tangents.  stretches : where the bead changes along it."""
     pieces = [line]
     if settings.material.deposition.lead_out_mm > 0.0:
         end = line.ends()[2]
         beyond = end + settings.material.deposition.lead_out_mm * line.tangent(at_end=True)
         pieces.append(straight([end, beyond], line.ends()[3]))
-    return _with_leads(line, pieces, line.length, bead, settings)
+    return _with_leads(line, pieces, line.length, stretches or [Stretch(0.0, bead)], settings)
 
 
 def straight_bead(start: Floats, end: Floats, bead: Bead, settings: Settings) -> Pass:
@@ -91,17 +98,19 @@ def straight_bead(start: Floats, end: Floats, bead: Bead, settings: Settings) ->
     return process_pass(line, rows)
 
 
-def _with_leads(first: Motion, pieces: list[Motion], lit_mm: float, bead: Bead, settings: Settings) -> Pass:
+def _with_leads(
+    first: Motion, pieces: list[Motion], lit_mm: float, stretches: Sequence[Stretch], settings: Settings
+) -> Pass:
     """The pass of a tangential lead-in and the pieces, with the laser on for lit_mm from the end of the lead-in."""
     facts = settings.material.deposition
     gas = facts.shield_gas_l_min.usual
     lead = facts.lead_in_mm
-    rows = [bead_row(lead, bead, gas, True)]
+    rows = [bead_row(lead + stretch.at_mm, stretch.bead, gas, True) for stretch in stretches if stretch.at_mm < lit_mm]
     if lead > 0.0:
         start, axis, _, _ = first.ends()
         pieces = [straight([start - lead * first.tangent(), start], axis), *pieces]
-        rows.insert(0, bead_row(0.0, bead, gas, False))
+        rows.insert(0, bead_row(0.0, stretches[0].bead, gas, False))
     whole = joined(pieces)
     if whole.length > lead + lit_mm + 1e-6:
-        rows.append(bead_row(lead + lit_mm, bead, gas, False))
+        rows.append(bead_row(lead + lit_mm, stretches[-1].bead, gas, False))
     return process_pass(whole, rows)

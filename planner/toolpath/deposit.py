@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
@@ -19,6 +20,7 @@ from planner.slicing.regions import LayerRegion
 from planner.toolpath.centreline import thin_parts
 from planner.toolpath.contour import closed_bead, contour_passes, edge_mm, open_bead
 from planner.toolpath.fill import fill_passes
+from planner.toolpath.fitting import fitted_stretches, widest_mm
 from planner.toolpath.motion import UP, Motion
 
 Floats = NDArray[np.float64]
@@ -57,9 +59,9 @@ def deposit_operations(
     is_top : part of the layer's top is a finished face.
     """
     grown = grown_region(layer, bead, settings)
-    contours = contour_passes(grown, layer.z_bottom, layer.index, bead, settings)
-    middles, dropped = _thin_passes(grown, layer, bead, settings)
-    fill = fill_passes(grown, layer.z_bottom, layer.index, bead, settings, is_top)
+    middles, dropped, wide = _thin_passes(grown, layer, bead, settings)
+    contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings)
+    fill = fill_passes(wide, layer.z_bottom, layer.index, bead, settings, is_top)
     operations: list[Operation] = []
     for process, passes in ((Process.DEPOSIT_CONTOUR, [*contours, *middles]), (Process.DEPOSIT_FILL, fill)):
         if passes:
@@ -78,19 +80,26 @@ def deposit_operations(
 
 def _thin_passes(
     grown: MultiPolygon, layer: LayerRegion, bead: Bead, settings: Settings
-) -> tuple[list[Pass], list[Dropped]]:
-    """A bead along the middle of each part that is thinner than a bead, and what is too thin even for that."""
+) -> tuple[list[Pass], list[Dropped], MultiPolygon]:
+    """A bead of fitting width along the middle of each part too narrow for two, what is too thin for any, and the rest."""
     passes: list[Pass] = []
     dropped: list[Dropped] = []
-    for part in thin_parts(grown, bead.width_mm):
+    taken = []
+    edge = edge_mm(bead, settings)
+    for part in thin_parts(grown, bead.width_mm, widest_mm(bead, edge, settings)):
+        taken.append(part.area)
         if part.width_mm < THINNEST * bead.width_mm:
             point = part.area.representative_point()
             dropped.append(Dropped(layer.index, (point.x, point.y), part.area.area, part.width_mm, bead.width_mm))
             continue
-        for line, closed in zip(part.lines, part.closed, strict=True):
-            motion = Motion(_middle_curve(line, closed, layer.z_bottom), UP)
-            passes.append((closed_bead if closed else open_bead)(motion, bead, settings))
-    return passes, dropped
+        for line in part.lines:
+            motion = Motion(_middle_curve(line.points, line.closed, layer.z_bottom), UP)
+            stretches = fitted_stretches(line, bead, edge, settings)
+            passes.append((closed_bead if line.closed else open_bead)(motion, bead, settings, stretches))
+    if not taken:
+        return passes, dropped, grown
+    rest = shapely.difference(grown, shapely.union_all(taken))
+    return passes, dropped, MultiPolygon([piece for piece in shapely.get_parts(rest) if piece.geom_type == "Polygon"])
 
 
 def _middle_curve(line: Floats, closed: bool, z: float) -> Curve:

@@ -17,6 +17,7 @@ from planner.toolpath.contour import edge_mm, straight_bead
 
 Floats = NDArray[np.float64]
 
+_LEAST_STRIP = 0.25  # of the step, half its width: a track on a narrower strip brings more than twice its metal
 _LEAST_LINE = 0.3  # of the bead's width: shorter tracks are drops; their neighbours cover them
 
 
@@ -138,6 +139,7 @@ def fill_passes(
     grown : region to fill, allowance included, mm   z : of the surface that receives it   is_top : has a finished face.
     """
     region = infill_region(grown, bead, settings, is_top)
+    region = MultiPolygon([part for part in region.geoms if not inset(part, _LEAST_STRIP * bead.step_mm).is_empty])
     if region.is_empty:
         return []
     tracks = hatch_tracks(region, hatch_angle(layer, settings), bead.step_mm, _LEAST_LINE * bead.width_mm)

@@ -132,9 +132,10 @@ def test_wall_thinner_than_a_bead_gets_one_bead_along_its_middle() -> None:
 def test_middle_of_a_strip_is_its_long_axis_and_corners_of_a_box_are_no_thin_parts() -> None:
     strip = MultiPolygon([shapely.box(0.0, 0.0, 20.0, 1.0)])
     parts = thin_parts(strip, 2.5)
-    assert len(parts) == 1 and parts[0].closed == (False,)
-    assert np.abs(parts[0].lines[0][:, 1] - 0.5).max() < 0.06
-    assert np.ptp(parts[0].lines[0][:, 0]) > 18.0
+    assert len(parts) == 1 and [line.closed for line in parts[0].lines] == [False]
+    assert np.abs(parts[0].lines[0].points[:, 1] - 0.5).max() < 0.06
+    assert np.allclose(parts[0].lines[0].widths_mm, 1.0, atol=0.12)
+    assert np.ptp(parts[0].lines[0].points[:, 0]) > 18.0
     assert thin_parts(MultiPolygon([shapely.box(0.0, 0.0, 20.0, 20.0)]), 2.5) == []
 
 

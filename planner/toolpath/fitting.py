@@ -1,0 +1,75 @@
+"""Beads of a width that is wanted: power first, then speed, within the material's window; metal for what they stand for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from config.material import Window
+from planner.process import Bead, Settings
+from planner.toolpath.centreline import MiddleLine
+
+Floats = NDArray[np.float64]
+
+_CHANGE = 0.06  # of the bead's width: a larger change of width begins another stretch
+_LEAST_SHARE = 0.3  # of a bead's width: the metal of narrower strips is not measured by what lies inside the edge
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """at_mm : arc length from which on the bead holds, mm."""
+
+    at_mm: float
+    bead: Bead
+
+
+def widest_mm(bead: Bead, edge_mm: float, settings: Settings) -> float:
+    """Up to which width one bead takes the place of two, mm: where two bring no more metal than the strip takes.
+
+    edge_mm : of the width on either side no metal is counted. At least the bead's width, at most the window's.
+    """
+    most = fitted_bead(bead, 10.0 * bead.width_mm, 0.0, settings).width_mm
+    return min(max(bead.width_mm, 2.0 * (bead.step_mm + edge_mm)), most)
+
+
+def fitted_bead(bead: Bead, width_mm: float, edge_mm: float, settings: Settings) -> Bead:
+    """The bead as wide as wanted, as far as recipe and material allow.
+
+    bead : of the layer, whose height the metal keeps   edge_mm : of the width on either side no metal is counted.
+    """
+    facts, law, recipe = settings.material.deposition, settings.material.bead, settings.recipe
+    power, speed = bead.laser_w, bead.speed_mm_s
+    if recipe.laser_w is None and law.width_power_exponent:
+        least = max(facts.laser_w.min, law.min_power_w)
+        asked = power * (width_mm / bead.width_mm) ** (1.0 / law.width_power_exponent)
+        power = min(max(asked, least), facts.laser_w.max)
+    width = bead.width_mm * (power / bead.laser_w) ** law.width_power_exponent
+    if recipe.speed_mm_s is None and law.width_speed_exponent:
+        speed = _inside(speed * (width_mm / width) ** (1.0 / law.width_speed_exponent), facts.speed_mm_s)
+        width *= (speed / bead.speed_mm_s) ** law.width_speed_exponent
+    strip = max(min(width_mm, width) - 2.0 * edge_mm, _LEAST_SHARE * width)
+    per_area = settings.material.density_g_mm3 * speed * 60.0 / law.catch_efficiency
+    powder = bead.powder_g_min
+    if recipe.powder_g_min is None:
+        powder = _inside(strip * bead.height_mm * per_area, facts.powder_g_min)
+    return Bead(speed, power, powder, width, powder / per_area, bead.step_mm)
+
+
+def fitted_stretches(line: MiddleLine, bead: Bead, edge_mm: float, settings: Settings) -> list[Stretch]:
+    """The beads along a middle line: one where the width changes little, else a new one at every step of it."""
+    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line.points, axis=0), axis=1))])
+    middles = 0.5 * (line.widths_mm[1:] + line.widths_mm[:-1])
+    first, found = 0, []
+    for k in range(1, len(middles) + 1):
+        if k < len(middles) and np.ptp(middles[first : k + 1]) <= _CHANGE * bead.width_mm:
+            continue
+        wide = float(np.average(middles[first:k], weights=np.diff(at[first : k + 1])))
+        found.append(Stretch(float(at[first]), fitted_bead(bead, wide, edge_mm, settings)))
+        first = k
+    return found
+
+
+def _inside(value: float, window: Window) -> float:
+    return min(max(value, window.min), window.max)
