@@ -15,6 +15,7 @@ Flags = NDArray[np.bool_]
 
 _SAME_PLACE = 0.01  # of the mean distance of joints: joints of both contours nearer than this share one ruling
 _LONGEST_TURN = np.radians(10.0)  # of a piece: within it the matching is taken as linear
+_SPECK = 1e-6  # of the round: pieces shorter on both contours lie between points that are one but for rounding
 _SAME_PARAMETER = 1e-9  # rounding of a parameter that went through the measure and back
 
 
@@ -33,6 +34,8 @@ def ruled_between(low: Outline, high: Outline, x_low: Floats, x_high: Floats) ->
     net_low, net_high = _pieces(low.curve, u_low[rows]), _pieces(high.curve, u_high[rows])
     chord_low, chord_high = (np.linalg.norm(np.diff(net, axis=1), axis=2).sum(axis=1) for net in (net_low, net_high))
     width = chord_low / chord_low.sum() + chord_high / chord_high.sum()
+    kept = width > _SPECK
+    net_low, net_high, width = _closed_up(net_low[kept]), _closed_up(net_high[kept]), width[kept]
     breaks = np.concatenate([[0.0], np.cumsum(width)])
     breaks /= breaks[-1]
     knots = np.concatenate([[0.0], np.repeat(breaks, 3), [1.0]])
@@ -149,6 +152,11 @@ def _pieces(curve: Curve, u: Floats) -> Floats:
     net = np.stack([first, first + third * ahead, last - third * behind, last], axis=1)
     still = np.diff(u) <= _SAME_PARAMETER
     net[still] = first[still, None, :]
+    return net
+
+
+def _closed_up(net: Floats) -> Floats:
+    """The pieces with every end moved to the start of the next: over specks that were left out."""
     net[:-1, 3] = net[1:, 0]
     net[-1, 3] = net[0, 0]
     return net

@@ -40,3 +40,11 @@ def _is_point(along: Floats, curve: Curve, breaks: Floats) -> NDArray[np.bool_]:
 def largest_twist(surface: RuledSurface) -> float:
     """The largest of `ruling_twists`, rad."""
     return float(ruling_twists(surface).max(initial=0.0))
+
+
+def has_fans(surface: RuledSurface) -> bool:
+    """Whether one contour stands still somewhere while the other goes on: a corner that a fan of rulings leaves."""
+    breaks = surface.curve0.breaks
+    u = 0.5 * (breaks[1:] + breaks[:-1])
+    still = [_is_point(curve.derivatives(u, 1)[1], curve, breaks) for curve in (surface.curve0, surface.curve1)]
+    return bool((still[0] != still[1]).any())
