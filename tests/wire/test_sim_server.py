@@ -175,7 +175,9 @@ async def test_a_host_on_the_serial_line_identifies_moves_and_stops_the_machine(
             host.say(b"N1 G1 X100 F60\n")  # 20 s of the wires' time
             await host.hear(b"ok\r\n")
             await host.ask_until(b"Ln:1")
-            await host.ask_until(b"MPos:0.1")
+            async with asyncio.timeout(WAIT_S):
+                while server.world.cnc.machine.motion.position[0] <= 0.0:
+                    await asyncio.sleep(0.005)
             host.say(b"!")
             await host.ask_until(b"<Hold:0")
             assert 0.0 < server.world.cnc.machine.motion.position[0] < 100.0
