@@ -50,7 +50,12 @@ def _z_codes(points: Floats) -> NDArray[np.uint64]:
     code = np.zeros(len(points), dtype=np.uint64)
     for axis in range(3):
         bits = grid[:, axis]
-        for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3)):
+        for shift, mask in (
+            (32, 0x1F00000000FFFF),
+            (16, 0x1F0000FF0000FF),
+            (8, 0x100F00F00F00F00F),
+            (4, 0x10C30C30C30C30C3),
+        ):
             bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
         bits = (bits | (bits << np.uint64(2))) & np.uint64(0x1249249249249249)
         code |= bits << np.uint64(axis)

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from planner.errors import PlanningError
 from planner.mesh.mesh import Mesh
-from planner.slicing.thickness import layer_heights
+from planner.slicing.confirm import Confirmed, Wanted
+from planner.slicing.cusp import LayerRule, ToleranceSide
+from planner.slicing.thickness import confirmed_layers, layer_heights
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +39,9 @@ def even_levels(mesh: Mesh, height_mm: float) -> tuple[Floats, list[str]]:
     kept = [faces[0]]
     for level in faces[1:-1]:
         if min(level - kept[-1], faces[-1] - level) < 0.1 * height_mm:
-            findings.append(f"the flat face at z {level:.3f} mm lies too near to another one and gets no level of its own")
+            findings.append(
+                f"the flat face at z {level:.3f} mm lies too near to another one and gets no level of its own"
+            )
         else:
             kept.append(level)
     kept.append(faces[-1])
@@ -48,10 +52,20 @@ def even_levels(mesh: Mesh, height_mm: float) -> tuple[Floats, list[str]]:
     return np.array(levels), findings
 
 
-def layer_levels(mesh: Mesh, cusp_mm: float, min_mm: float, max_mm: float) -> tuple[Floats, list[str]]:
+def layer_levels(
+    mesh: Mesh,
+    cusp_mm: float,
+    min_mm: float,
+    max_mm: float,
+    *,
+    rule: LayerRule = "facet",
+    side: ToleranceSide = "both",
+    crease_deg: float = 35.0,
+) -> tuple[Floats, list[str]]:
     """Levels of all layers of a mesh in its build frame: (n+1,) float mm from the lowest to the highest point, findings.
 
-    min_mm == max_mm : even layers of at most that height; else the cusp rule between the bounds.
+    min_mm == max_mm : even layers of at most that height; else the rule for layers between the bounds, and one finding
+    if the bounds leave a measured wall farther from the mesh than the cusp.
     Raises PlanningError if there would be more layers than a plan can hold.
     """
     height = float(mesh.bounds[1, 2] - mesh.bounds[0, 2])
@@ -62,5 +76,22 @@ def layer_levels(mesh: Mesh, cusp_mm: float, min_mm: float, max_mm: float) -> tu
         )
     if min_mm >= max_mm:
         return even_levels(mesh, max_mm)
-    levels = np.asarray(layer_heights(mesh, np.array([0.0, 0.0, 1.0]), cusp_mm, min_mm, max_mm), dtype=np.float64)
-    return levels, []
+    up = np.array([0.0, 0.0, 1.0])
+    if rule == "facet":
+        return layer_heights(mesh, up, cusp_mm, min_mm, max_mm), []
+    wanted = Wanted(cusp_mm, min_mm, max_mm, rule, side, crease_deg)
+    found = confirmed_layers(mesh, up, wanted)
+    return found.stations, _beyond(found, wanted)
+
+
+def _beyond(found: Confirmed, wanted: Wanted) -> list[str]:
+    """One finding for the layers whose walls the bounds keep from the cusp."""
+    off = found.deviation_mm > wanted.cusp_mm * (1.0 + 1e-9)
+    if not off.any():
+        return []
+    worst = int(np.argmax(found.deviation_mm))
+    return [
+        f"{int(off.sum())} of {len(off)} layers cannot be thin enough for the cusp of {wanted.cusp_mm:g} mm: their {wanted.rule} "
+        f"walls lie up to {found.deviation_mm[worst]:.3g} mm from the mesh, most between z {found.stations[worst]:.2f} and "
+        f"{found.stations[worst + 1]:.2f} mm"
+    ]

@@ -1,4 +1,4 @@
-"""Heights of the layers along one build direction: as thick as the cusp allows, flat faces hit exactly."""
+"""Heights of the layers along a build direction or a way of planes: as thick as the cusp allows, flat faces hit exactly."""
 
 from __future__ import annotations
 
@@ -9,30 +9,55 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from planner.errors import PlanningError, RecipeError
+from planner.mesh.crease import crease_edges
 from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh
+from planner.slicing.confirm import Confirmation, Confirmed, Wanted
+from planner.slicing.critical import LEVEL_FRACTION, critical_heights, critical_stations
+from planner.slicing.cusp import LayerRule, ToleranceSide, allowed_thickness
+from planner.slicing.stations import Stations, path_stations, straight_stations
+
+__all__ = [
+    "allowed_thickness",
+    "confirmed_layers",
+    "critical_heights",
+    "layer_cusps",
+    "layer_heights",
+    "layer_planes",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LEVEL_FRACTION = 1e-6
-"""Rise of a facet along the build direction, as a fraction of the part's extent, up to which it is level: 15 times
-the rounding of 32-bit coordinates."""
 
-
-def layer_heights(mesh: Mesh, direction: ArrayLike, cusp_mm: float, min_mm: float, max_mm: float) -> Floats:
+def layer_heights(
+    mesh: Mesh,
+    direction: ArrayLike,
+    cusp_mm: float,
+    min_mm: float,
+    max_mm: float,
+    *,
+    rule: LayerRule = "facet",
+    side: ToleranceSide = "both",
+    crease_deg: float = 35.0,
+) -> Floats:
     """Boundaries of the layers along a build direction b.
 
     direction : (3,) float, any length;  cusp_mm : allowed cusp δ;  min_mm, max_mm : bounds of a layer's thickness
+    rule, side : as in `planner.slicing.cusp.allowed_thickness`;  crease_deg : edges that bend more are meant sharp
     Returns (k + 1,) float, mm, ascending heights b·p; the first and last are the part's extent along b.
 
     A facet with outward normal n allows d = δ/|n·b|, a layer the least of all facets in the slab that it spans
     (equation of the flat facet's cusp C = d|n·b|, paper Eq. 14), but not less than min_mm and not more than max_mm.
     Level faces are boundaries; of several within δ of each other the largest is. Where even thicknesses within the
     bounds cannot follow the rule between two level faces, the bounds win: `layer_cusps` tells the cusp that results.
+    The rules "extruded" and "ruled" bend with the surface and are measured: see `confirmed_layers`.
     Raises RecipeError for a direction or bounds that are none; PlanningError, with the place, if the distance of two
     level faces cannot be divided into layers of min_mm to max_mm.
     """
+    if rule != "facet":
+        wanted = Wanted(cusp_mm, min_mm, max_mm, rule, side, crease_deg)
+        return confirmed_layers(mesh, direction, wanted).stations
     axis = _checked(direction, cusp_mm, min_mm, max_mm)
     low, high, allowed = _facet_limits(mesh, axis, cusp_mm, min_mm, max_mm)
     order = np.argsort(low, kind="stable")
@@ -46,6 +71,78 @@ def layer_heights(mesh: Mesh, direction: ArrayLike, cusp_mm: float, min_mm: floa
             _refuse_span(mesh, axis, float(bottom), float(top), min_mm, max_mm)
         heights.append(inner[1:])
     return np.concatenate(heights)
+
+
+def confirmed_layers(mesh: Mesh, direction: ArrayLike, wanted: Wanted) -> Confirmed:
+    """Boundaries along a direction whose extruded or ruled walls were measured, and what was measured.
+
+    Estimated from the circles of curvature of all facets (paper Eqs. 15-18, 20), then measured and corrected until every
+    wall lies within the cusp of the mesh and no layer is thinner than it needs to be, within the bounds. Boundaries are
+    also where outlines begin, end, join or part and, for ruled walls, where a level edge is sharp, unless that is nearer
+    than min_mm to a boundary already there. Raises as `layer_heights` does.
+    """
+    axis = _checked(direction, wanted.cusp_mm, wanted.min_mm, wanted.max_mm)
+    allowed_thickness(0.0, 1.0, True, wanted.cusp_mm, wanted.rule, wanted.side)
+    breaks = _break_heights(mesh, axis, wanted.cusp_mm, wanted.min_mm)
+    for bottom, top in pairwise(breaks.tolist()):
+        if not _is_divisible(
+            top - bottom, wanted.min_mm, wanted.max_mm, LEVEL_FRACTION * float(breaks[-1] - breaks[0])
+        ):
+            _refuse_span(mesh, axis, bottom, top, wanted.min_mm, wanted.max_mm)
+    stations = straight_stations(mesh, axis)
+    breaks = _with_changes(mesh, stations, breaks, wanted, wanted.min_mm)
+    touch = LEVEL_FRACTION * float(breaks[-1] - breaks[0])
+    return Confirmation(mesh, stations, breaks, wanted, touch).run()
+
+
+def layer_planes(
+    mesh: Mesh,
+    path: ArrayLike,
+    cusp_mm: float,
+    min_mm: float,
+    max_mm: float,
+    *,
+    rule: LayerRule = "extruded",
+    side: ToleranceSide = "both",
+    crease_deg: float = 35.0,
+) -> Floats:
+    """Bounding planes of the layers along a way of planes that may turn: neighbouring planes need not be parallel.
+
+    path : (p, 6) float   a point (mm) and a unit normal each, from below the part to above it; between two of them point
+    and normal go over linearly.   The rest as for `layer_heights`; thickness counts, facet by facet, along the normal of
+    the plane through the facet, so that the layer is thickest where the planes are farthest apart.
+    Returns (k + 1, 6) float: the planes of the path between which the layers lie; the first and last touch the part.
+    Raises RecipeError if the path misses the part or its planes cross in it; else as `layer_heights`.
+    """
+    _checked((0.0, 0.0, 1.0), cusp_mm, min_mm, max_mm)
+    allowed_thickness(0.0, 1.0, True, cusp_mm, rule, side)
+    stations = path_stations(mesh, path)
+    wanted = Wanted(cusp_mm, min_mm, max_mm, rule, side, crease_deg)
+    ends = np.array([stations.low.min(), stations.high.max()])
+    breaks = _with_changes(mesh, stations, ends, wanted, min_mm / float(stations.rate.min()))
+    touch = LEVEL_FRACTION * float(ends[1] - ends[0])
+    return stations.planes(Confirmation(mesh, stations, breaks, wanted, touch).run().stations)
+
+
+def _with_changes(mesh: Mesh, stations: Stations, breaks: Floats, wanted: Wanted, least: float) -> Floats:
+    """Breaks, and between them the stations where the outline changes its kind, none nearer than least to another."""
+    found = [critical_stations(mesh, stations.vertex)]
+    if wanted.rule == "ruled":
+        ends = stations.vertex[mesh.facets]
+        following = np.roll(ends, -1, axis=1)
+        level = np.abs(following - ends) <= LEVEL_FRACTION * float(breaks[-1] - breaks[0])
+        found.append(ends[level & crease_edges(mesh, wanted.crease_deg)])
+    kept = breaks.tolist()
+    for station in np.unique(np.concatenate(found)).tolist():
+        if min(abs(station - other) for other in kept) >= least:
+            kept.append(station)
+    return np.sort(np.array(kept))
+
+
+def _is_divisible(span: float, min_mm: float, max_mm: float, touch: float) -> bool:
+    """Whether some number of layers of min_mm to max_mm makes up the span."""
+    count = max(int(np.floor((span + touch) / min_mm)), 1)
+    return bool(min_mm - touch <= span / count <= max_mm + touch)
 
 
 def layer_cusps(mesh: Mesh, direction: ArrayLike, heights: ArrayLike) -> Floats:
