@@ -16,6 +16,8 @@ MAX_HOLE_FRACTION = 0.15
 up to 0.15²/8 = 0.3 % of the diagonal, still a dent and not another shape; a missing face of a box is wider."""
 MAX_HOLE_EDGES = 256
 """Longest rim that is closed: the patch is found in time growing with its cube (0.1 s at this length)."""
+MAX_HOLES = 1000
+"""Most holes that are closed (a few seconds): a mesh with more is a heap of facets."""
 MAX_PATCH_FRACTION = 0.10
 """Largest share of the surface that patches may make up: beyond it the mesh is a ruin and its shape a guess."""
 SLIT_FRACTION = 1e-6
@@ -37,13 +39,19 @@ def close_holes(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
     rims = rim_loops(mesh)
     if not rims:
         return mesh, []
+    if len(rims) > MAX_HOLES:
+        raise MeshError(
+            f"not watertight: {counted(len(rims), 'hole')}, first at {place_text(mesh.vertices[rims[0]].mean(axis=0))}",
+            f"at most {MAX_HOLES} are closed: repair the model and export it again",
+        )
     _refuse_long(mesh, rims)
     known = _edge_keys(mesh.facets, len(mesh.vertices))
+    added_keys = np.empty(0, dtype=np.int64)
     patches: list[Ints] = []
     for rim in rims:
-        patch = _patch(mesh.vertices, rim, known)
+        patch = _patch(mesh.vertices, rim, known, added_keys)
         patches.append(patch)
-        known = np.union1d(known, _edge_keys(patch, len(mesh.vertices)))
+        added_keys = np.union1d(added_keys, _edge_keys(patch, len(mesh.vertices)))
     _refuse_wide(mesh, rims, patches)
     added = np.vstack(patches)
     closed = Mesh(mesh.vertices, np.vstack([mesh.facets, added]))
@@ -149,11 +157,20 @@ def _edge_keys(facets: Ints, vertex_count: int) -> Ints:
     return np.unique(low * vertex_count + high)
 
 
-def _patch(vertices: Floats, rim: Ints, known: Ints) -> Ints:
-    """Facets (k - 2, 3) over a rim of k vertices, least area, using no edge that the mesh has already."""
+def _holds(keys: Ints, wanted: Ints) -> NDArray[np.bool_]:
+    """Which of the wanted numbers are among the sorted keys."""
+    at = np.searchsorted(keys, wanted)
+    found = at < len(keys)
+    found[found] = keys[at[found]] == wanted[found]
+    return found
+
+
+def _patch(vertices: Floats, rim: Ints, known: Ints, added_keys: Ints) -> Ints:
+    """Facets (k - 2, 3) over a rim of k vertices, least area, using no edge that the mesh or a patch has already."""
     count = len(rim)
     low, high = np.minimum.outer(rim, rim), np.maximum.outer(rim, rim)
-    taken = np.isin(low * len(vertices) + high, known)
+    keys = low * len(vertices) + high
+    taken = _holds(known, keys) | _holds(added_keys, keys)
     near = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     taken[(near <= 1) | (near == count - 1)] = False
     cost, apex = least_area_fan(vertices[rim], taken)

@@ -19,6 +19,8 @@ FORMATS = (".stl", ".3mf", ".obj", ".ply")
 MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
 MAX_FILE_BYTES = 1_000_000_000
 """A binary STL of this size holds 20 million facets; loading it takes about 10 GB of memory."""
+MAX_UNPACKED_BYTES = 400_000_000
+"""A 3MF model of this size holds about 4 million facets; parsing it takes about ten times as much memory."""
 MAX_EXTENT_MM = 1.0e4
 MIN_EXTENT_MM = 1.0e-2
 """No cell of this kind builds a part larger than 10 m or smaller than one powder grain: the unit is wrong."""
@@ -96,7 +98,7 @@ def _ascii_corners(data: bytes) -> Floats:
     values = np.empty((len(rows), 3), dtype=np.float64)
     for i, number in enumerate(rows):
         try:
-            values[i] = [float(word) for word in words[number][1:4]]
+            values[i, 0], values[i, 1], values[i, 2] = (float(word) for word in words[number][1:4])
         except ValueError:
             text = lines[number].decode("ascii", "replace").strip()[:60]
             raise MeshError(f"line {number + 1} of the ASCII STL is no vertex: {text!r}", "export again") from None
@@ -113,6 +115,8 @@ def _read_with_trimesh(data: bytes, kind: str, units: str) -> tuple[Floats, Ints
     name = kind[1:].upper()
     if kind == ".obj":
         data = data.decode("latin-1").encode()  # names may be in any encoding, numbers are ASCII in all of them
+    if kind == ".3mf":
+        _refuse_swollen(data)
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False, skip_materials=True)
         stated = _UNITS_OF_3MF.get(str(scene.units), str(scene.units)) if kind == ".3mf" and scene.units else units
@@ -133,10 +137,33 @@ def _read_with_trimesh(data: bytes, kind: str, units: str) -> tuple[Floats, Ints
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
     shift = np.cumsum([0] + [len(vertices) for vertices, _ in arrays])
     for vertices, facets in arrays:
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3:
+            raise MeshError(
+                f"not every vertex of the {name} file has three coordinates, or not every facet three corners",
+                "export the model again",
+            )
         if len(facets) and (facets.min() < 0 or facets.max() >= len(vertices)):
             raise MeshError(f"a facet of the {name} file names a vertex that is not there", "export the model again")
     moved = [facets + start for (_, facets), start in zip(arrays, shift[:-1], strict=True)]
     return np.vstack([vertices for vertices, _ in arrays]), np.vstack(moved)
+
+
+def _refuse_swollen(data: bytes) -> None:
+    """Raise MeshError if the entries of a ZIP archive unpack to more than MAX_UNPACKED_BYTES.
+
+    What the central directory states is what unpackers go by. Source: PKWARE APPNOTE 4.3.12 and 4.3.16.
+    """
+    end = data.rfind(b"PK\x05\x06")
+    at = int.from_bytes(data[end + 16 : end + 20], "little") if end >= 0 else len(data)
+    total = 0
+    while data[at : at + 4] == b"PK\x01\x02":
+        total += int.from_bytes(data[at + 24 : at + 28], "little")
+        at += 46 + sum(int.from_bytes(data[at + k : at + k + 2], "little") for k in (28, 30, 32))
+    if total > MAX_UNPACKED_BYTES:
+        raise MeshError(
+            f"the 3MF file unpacks to {total / 1e6:.0f} MB, more than {MAX_UNPACKED_BYTES / 1e6:.0f} MB",
+            "export with a coarser tolerance, or as binary STL",
+        )
 
 
 def _refuse_bad_numbers(vertices: Floats, facets: Ints) -> None:

@@ -186,10 +186,7 @@ def plane_frame(plane: ArrayLike) -> Floats:
     Returns (4, 3) float: origin, u, v, w.  The plane z = h gives u = x, v = y; the plane x = h gives u = y, v = z.
     """
     x, y, z, wx, wy, wz = np.asarray(plane, dtype=np.float64).tolist()
-    if abs(wx) < 0.9:
-        u = (1.0 - wx * wx, -wy * wx, -wz * wx)
-    else:
-        u = (-wx * wy, 1.0 - wy * wy, -wz * wy)
+    u = (1.0 - wx * wx, -wy * wx, -wz * wx) if abs(wx) < 0.9 else (-wx * wy, 1.0 - wy * wy, -wz * wy)
     length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     ux, uy, uz = u[0] / length + 0.0, u[1] / length + 0.0, u[2] / length + 0.0  # + 0.0 turns -0 into 0
     v = (wy * uz - wz * uy + 0.0, wz * ux - wx * uz + 0.0, wx * uy - wy * ux + 0.0)
