@@ -83,18 +83,19 @@ def _match_span(
         return np.vstack([start, stop]), 0.0, 0.0
     count = max(int(np.ceil(_SAMPLES * float(run.max()))), 6)
     share = np.linspace(0.0, 1.0, count + 1)
-    sides = [_side(outline, start[k] + share * run[k]) for k, outline in enumerate((low, high))]
+    sides = _sides(low, high, share, start, run)
     weight = sag / max(abs(float((sides[1][0, 1:4] - sides[0][0, 1:4]) @ low.axes[2])), 1e-300)
-    _turned_like(sides)
+    _turned_like(sides, not is_round)
     shift = sides[1][:, 1:4].mean(axis=0) - sides[0][:, 1:4].mean(axis=0)
     path = cheapest_path(sides[0], sides[1], shift, weight, np.sqrt(_APART) / low.length_mm, _STRETCH)
     fine = np.linspace(0.0, 1.0, _FINE * count + 1)
-    sides = [_side(outline, start[k] + fine * run[k]) for k, outline in enumerate((low, high))]
-    _turned_like(sides)
+    sides = _sides(low, high, fine, start, run)
+    own = sides[0][:, 0].copy()
+    _turned_like(sides, not is_round)
     guess = np.interp(fine, share, path / count) * (len(fine) - 1)
     place = refine_path(sides[0], sides[1], guess, weight, _STRETCH, is_round, _ROUNDS) / (len(fine) - 1)
-    reached = _side(high, start[1] + place * run[1])
-    turn = (reached[:, 0] - sides[0][:, 0] + np.pi) % (2.0 * np.pi) - np.pi
+    reached = _sides(low, high, place, start, run)[1]
+    turn = (reached[:, 0] - own + np.pi) % (2.0 * np.pi) - np.pi
     sags = np.einsum("ij,ij->i", reached[:, 1:4] - sides[0][:, 1:4], reached[:, 4:] - sides[0][:, 4:]) / 8.0
     table = np.column_stack([start[0] + fine * run[0], start[1] + place * run[1]])
     return table, float(np.abs(turn).max()), float(np.abs(sags).max() + np.sqrt((sags**2).mean()))
@@ -108,15 +109,36 @@ def _is_straight(outline: Outline, start: float, stop: float) -> bool:
     return bool(np.abs(turn).max() < 1e-9 and np.ptp(gaps) < 1e-9)
 
 
-def _side(outline: Outline, x: Floats) -> Floats:
-    """(k, 7) float: direction (rad), point (mm) and normal of the surface at measures x."""
-    rows = rows_at(outline.x, outline.rows, x)
-    return np.column_stack([rows[:, DIRECTION:5], outline.normals(rows)])
+def _sides(low: Outline, high: Outline, x: Floats, start: Floats, run: Floats) -> list[Floats]:
+    """Rows (k, 7) of both outlines at shares x of a run of measures: direction (rad), point (mm), surface normal.
+
+    The planes' own directions compare as they are if the planes are parallel. If not, the surface's normals do, seen along
+    the middle of both planes' normals: on a cylinder they are equal at both ends of a ruling however it is cut.
+    """
+    common = low.axes + high.axes
+    common /= np.linalg.norm(common, axis=1)[:, None]
+    are_parallel = float(low.axes[2] @ high.axes[2]) > 1.0 - 1e-12
+    sides = []
+    for k, outline in enumerate((low, high)):
+        rows = rows_at(outline.x, outline.rows, start[k] + x * run[k])
+        normals = outline.normals(rows)
+        direction = rows[:, DIRECTION]
+        if not are_parallel:
+            seen = np.arctan2(normals @ common[1], normals @ common[0]) + 0.5 * np.pi
+            direction = direction + (seen - direction + np.pi) % (2.0 * np.pi) - np.pi
+        sides.append(np.column_stack([direction, rows[:, 2:5], normals]))
+    return sides
 
 
-def _turned_like(sides: list[Floats]) -> None:
-    """Bring the top's directions to within half a turn of the bottom's, in place."""
+def _turned_like(sides: list[Floats], is_between: bool) -> None:
+    """Bring the top's directions to within half a turn of the bottom's, in place.
+
+    is_between : both ends are corners that belong together; by how much directions differ there is no news on the way.
+    """
     sides[1][:, 0] -= 2.0 * np.pi * np.round((sides[1][:, 0] - sides[0][:, 0]).mean() / (2.0 * np.pi))
+    if is_between:
+        apart = sides[1][[0, -1], 0] - sides[0][[0, -1], 0]
+        sides[0][:, 0] += np.linspace(apart[0], apart[1], len(sides[0]))
 
 
 @njit(cache=True)

@@ -16,6 +16,7 @@ from planner.slicing.section import Loop
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Neighbours = dict[int, list[int]]
+Place = tuple[int, int]
 
 _NEAR = 1e-2  # of the contour's size: a corner of the curve this near to a point of the section is that point
 
@@ -60,26 +61,36 @@ def corner_anchors(graph: Neighbours, slab: Slab, loops: tuple[Loop, Loop], outl
     return anchors
 
 
-def _corner_edges(loop: Loop, outline: Outline) -> dict[tuple[int, int], float]:
-    """Mesh edge (a < b) that each corner of the curve lies on, with the corner's parameter."""
+def _corner_edges(loop: Loop, outline: Outline) -> dict[Place, float]:
+    """Mesh edge (a < b), or vertex (a, a), that each corner of the curve lies on, with the corner's parameter."""
     if not len(outline.corners):
         return {}
     places = outline.curve.evaluate(outline.corners)
     apart = np.linalg.norm(loop.points[None, :, :] - places[:, None, :], axis=2)
     nearest = np.argmin(apart, axis=1)
     near = apart[np.arange(len(nearest)), nearest] <= _NEAR * float(np.ptp(loop.points, axis=0).max())
-    edges = loop.edges[nearest]
-    return {(int(a), int(b)): float(u) for (a, b), u, is_near in zip(edges, outline.corners, near, strict=True) if is_near}
+    edges, weights = loop.edges[nearest], loop.weights[nearest, None]
+    ends = np.where(weights <= 0.0, edges[:, :1], np.where(weights >= 1.0, edges[:, 1:], edges))
+    return {
+        (int(a), int(b)): float(u) for (a, b), u, is_near in zip(ends, outline.corners, near, strict=True) if is_near
+    }
 
 
-def _follow(graph: Neighbours, slab: Slab, edge: tuple[int, int]) -> tuple[int, int] | None:
-    """The edge over which the crease that crosses the bottom plane on `edge` crosses the top plane; None if it does not."""
-    low, high = sorted(edge, key=lambda v: float(slab.above[v]))
-    if high not in graph.get(low, ()):
+def _follow(graph: Neighbours, slab: Slab, place: Place) -> Place | None:
+    """Where the crease that crosses the bottom plane at `place` crosses the top plane; None if it does not."""
+    low, high = sorted(place, key=lambda v: float(slab.above[v]))
+    if low == high:
+        upward = [v for v in graph.get(low, ()) if slab.above[v] > 0.0]
+        if len(upward) != 1:
+            return None
+        high = upward[0]
+    elif high not in graph.get(low, ()):
         return None
     for _ in range(len(graph)):
-        if slab.below[high] <= 0.0:
+        if slab.below[high] < 0.0:
             return (min(low, high), max(low, high))
+        if slab.below[high] == 0.0:
+            return (high, high)
         onward = [v for v in graph[high] if v != low]
         if len(onward) != 1 or slab.above[high] <= 0.0:
             return None
