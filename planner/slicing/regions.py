@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -87,17 +88,26 @@ def united(areas: list[MultiPolygon]) -> MultiPolygon:
     return MultiPolygon([part for part in shapely.get_parts(whole) if part.geom_type == "Polygon"])
 
 
-def layer_regions(mesh: Mesh, levels: Floats) -> list[LayerRegion]:
+Shapes = Callable[[list[Section]], list[MultiPolygon]]
+
+
+def facet_shapes(sections: list[Section]) -> list[MultiPolygon]:
+    """What each section's straight sides enclose, mm."""
+    return [section.to_shapely() for section in sections]
+
+
+def layer_regions(mesh: Mesh, levels: Floats, shapes_of: Shapes = facet_shapes) -> list[LayerRegion]:
     """The layers between neighbouring levels; all sections come from two calls of the slicer.
 
-    mesh : in the build frame   levels : (n+1,) float, mm, increasing.
+    mesh : in the build frame   levels : (n+1,) float, mm, increasing
+    shapes_of : what sections enclose: their facets' sides, or curves that stand for them.
     """
     lower, upper = levels[:-1], levels[1:]
     inside = _INSIDE * float(levels[-1] - levels[0])
     above = slice_mesh(mesh, _planes(np.concatenate([lower + inside, 0.5 * (lower + upper)])), "above")
     below = slice_mesh(mesh, _planes(upper - inside), "below")
     count = len(lower)
-    shapes = [section.to_shapely() for section in [*above, *below]]
+    shapes = shapes_of([*above, *below])
     layers: list[LayerRegion] = []
     for i in range(count):
         areas = (shapes[i], shapes[count + i], shapes[2 * count + i])
