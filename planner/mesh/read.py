@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from planner.errors import MeshError
 from planner.mesh.facets import bounds_of
 from planner.mesh.findings import place_text
+from planner.mesh.placements import MAX_PLACED, placed_bodies
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -115,13 +116,17 @@ def _read_with_trimesh(data: bytes, kind: str, units: str) -> tuple[Floats, Ints
     name = kind[1:].upper()
     if kind == ".obj":
         data = data.decode("latin-1").encode()  # names may be in any encoding, numbers are ASCII in all of them
+    placed: int | None = None
     if kind == ".3mf":
         _refuse_swollen(data)
     try:
+        placed = _placed(data) if kind == ".3mf" else None
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False, skip_materials=True)
         stated = _UNITS_OF_3MF.get(str(scene.units), str(scene.units)) if kind == ".3mf" and scene.units else units
         pieces = [piece for piece in scene.dump(concatenate=False) if isinstance(piece, trimesh.Trimesh)]
         arrays = [(np.asarray(piece.vertices, np.float64), np.asarray(piece.faces, np.int64)) for piece in pieces]
+    except MeshError:
+        raise
     except Exception as error:  # the edge to trimesh, which raises anything on a damaged file
         reason = " ".join(str(error).split())[:120]
         raise MeshError(
@@ -132,6 +137,12 @@ def _read_with_trimesh(data: bytes, kind: str, units: str) -> tuple[Floats, Ints
         raise MeshError(
             f"the 3MF file states its unit as {stated}, asked for was {units}",
             f"use units {stated}" if stated in MM_PER_UNIT else "export it in millimetres",
+        )
+    bodies = sum(1 for _, facets in arrays if len(facets))
+    if placed is not None and bodies < placed:
+        raise MeshError(
+            f"the 3MF file places {placed} bodies, of which {bodies} could be read",
+            "export it without components in components, or as STL",
         )
     if not arrays:
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
@@ -146,6 +157,14 @@ def _read_with_trimesh(data: bytes, kind: str, units: str) -> tuple[Floats, Ints
             raise MeshError(f"a facet of the {name} file names a vertex that is not there", "export the model again")
     moved = [facets + start for (_, facets), start in zip(arrays, shift[:-1], strict=True)]
     return np.vstack([vertices for vertices, _ in arrays]), np.vstack(moved)
+
+
+def _placed(data: bytes) -> int | None:
+    """As `placed_bodies`.  Raises MeshError if they are too many to be meant."""
+    count = placed_bodies(data)
+    if count is not None and count > MAX_PLACED:
+        raise MeshError(f"the 3MF file places more than {MAX_PLACED} bodies", "export only what is to be built")
+    return count
 
 
 def _refuse_swollen(data: bytes) -> None:

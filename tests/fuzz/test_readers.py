@@ -126,6 +126,32 @@ def test_a_count_that_lies_costs_no_memory(suffix: str) -> None:
         tracemalloc.stop()
 
 
+def nested(levels: int, fan: int) -> bytes:
+    """The tetrahedron in components of components: fan ** levels of them, 20 mm apart."""
+    extra = ""
+    for level in range(levels):
+        moves = [f"1 0 0 0 1 0 0 0 1 {20 * fan**level * i} 0 0" for i in range(fan)]
+        inner = "".join(f'<component objectid="{level + 1}" transform="{move}"/>' for move in moves)
+        extra += f'<object id="{level + 2}" type="model"><components>{inner}</components></object>'
+    return archive(model_3mf(build=f'<item objectid="{levels + 1}"/>', extra=extra).encode())
+
+
+def test_bodies_in_components_are_all_read_or_the_file_is_refused() -> None:
+    assert load_bytes(nested(2, 3), ".3mf").volume == pytest.approx(9 * 1000 / 6)
+    try:
+        assert load_bytes(nested(3, 4), ".3mf").volume == pytest.approx(64 * 1000 / 6)
+    except MeshError as error:
+        assert "places 64 bodies, of which" in str(error)
+    with pytest.raises(MeshError, match="more than 10000 bodies"):
+        load_bytes(nested(10, 10), ".3mf")
+
+
+def test_a_component_that_holds_itself_is_refused() -> None:
+    inner = '<object id="2" type="model"><components><component objectid="2"/></components></object>'
+    with pytest.raises(MeshError, match="holds no facets"):
+        load_bytes(archive(model_3mf(build='<item objectid="2"/>', extra=inner).encode()), ".3mf")
+
+
 def test_a_soup_of_loose_facets_is_refused_at_once() -> None:
     corners = [(20 * i, 20 * k, 0, 20 * i + 9, 20 * k, 0, 20 * i, 20 * k + 9, 1) for i in range(60) for k in range(60)]
     records = b"".join(struct.pack("<12fH", 0, 0, 0, *facet, 0) for facet in corners)
