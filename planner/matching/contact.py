@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _PER_PIECE = 2  # places along each piece at which rings are made polygons: a piece turns 10 degrees at most
+_TOUCH = 1e-9  # of a side, beyond its ends: corners that meet corners meet
 _SPECK_MM = 1e-3  # along one ring: nearer places meet only where points of the mesh that are one lie apart by rounding
 _AT_ENDS = 0.02
 """Share of the height next to both planes in which contact is none: there rings are the sections' own contours, which
@@ -140,6 +141,6 @@ def _reaches(
         rx, ry = wx + v * dwx, wy + v * dwy
         length = sx * sx + sy * sy
         along = sx * rx + sy * ry
-        if length > 0.0 and 0.0 < along < length:
+        if length > 0.0 and -_TOUCH * length <= along <= (1.0 + _TOUCH) * length:
             best = min(best, v)
     return best
