@@ -16,7 +16,7 @@ from planner.post import post as _post
 
 if TYPE_CHECKING:
     from planner.mesh import Mesh, load
-    from planner.plan import Plan
+    from planner.plan import Layer, Plan
     from planner.recipe import Recipe, load_recipe, parse_recipe
 
 __all__ = ["Mesh", "PlannerError", "Recipe", "load", "load_recipe", "parse_recipe", "plan", "post"]
@@ -31,11 +31,12 @@ def _plan(
     part_name: str = "part",
     progress: Callable[[str, float], None] | None = None,
     findings: Iterable[str] = (),
+    on_layer: Callable[[Layer], None] | None = None,
 ) -> Plan:
     """How to make a part: see `planner.pipeline.plan`."""
     from planner import pipeline
 
-    return pipeline.plan(mesh, recipe, part_name=part_name, progress=progress, findings=findings)
+    return pipeline.plan(mesh, recipe, part_name=part_name, progress=progress, findings=findings, on_layer=on_layer)
 
 
 plan = _plan

@@ -12,15 +12,16 @@ from shapely import MultiPolygon
 
 from planner.decompose.direction import best_direction
 from planner.errors import PlanningError, RecipeError
+from planner.handout import Handout
 from planner.mesh.mesh import Mesh, mesh_of
-from planner.plan import Contour, Layer, Operation, Plan, Wall
+from planner.plan import Layer, Plan
 from planner.process import Bead, Settings
 from planner.recipe import Recipe
-from planner.slicing.contours import ContourStyle, layer_contours_many
+from planner.slicing.contours import ContourStyle
+from planner.slicing.fitted import fitted_shapes
 from planner.slicing.layers import layer_levels
 from planner.slicing.regions import LayerRegion, layer_regions
 from planner.slicing.section import plane_frame
-from planner.slicing.walls import ruled_walls
 from planner.toolpath.bands import make_bands
 from planner.toolpath.order import Sequence, build_up
 from planner.toolpath.roughing import carve, stock_of
@@ -36,12 +37,20 @@ _OVERHANG_WORTH_MM2 = 0.5  # smaller unsupported areas are the rounding of secti
 
 
 def plan(
-    mesh: object, recipe: Recipe, *, part_name: str = "part", progress: Progress | None = None, findings: Iterable[str] = ()
+    mesh: object,
+    recipe: Recipe,
+    *,
+    part_name: str = "part",
+    progress: Progress | None = None,
+    findings: Iterable[str] = (),
+    on_layer: Callable[[Layer], None] | None = None,
 ) -> Plan:
     """How to make a part: layers, contours, walls and operations in its build frame.
 
     mesh : planner.mesh.Mesh, its LoadedMesh (findings are taken over) or a `trimesh.Trimesh`, mm
-    progress : told each stage and the share of the work done, 0 … 1   findings : lines to put before the planner's own.
+    progress : told each stage and the share of the work done, 0 … 1   findings : lines to put before the planner's own
+    on_layer : handed each layer as soon as nothing will be added to it, in the order in which they are made, long before
+    the last is ready; the same layers are in the Plan.
     The same mesh and recipe give the same Plan.
     Raises MeshError, RecipeError or PlanningError, one line each.
     """
@@ -51,34 +60,16 @@ def plan(
     say("orient", 0.0)
     settings = Settings.from_recipe(recipe)
     direction, chosen = build_direction(body, recipe)
-    found += chosen
     build_from_part = build_frame(body, direction)
     part = body.transformed(build_from_part)
     say("layers", 0.02)
-    levels, notes = layer_levels(part, recipe.cusp_mm, settings.layer_min_mm, settings.layer_max_mm)
-    found += notes
-    say("sections", 0.05)
-    regions = layer_regions(part, levels)
-    _refuse_empty(regions)
-    if recipe.process == "mill":
-        stock = stock_of(part, recipe, build_from_part)
-        sequence = carve(stock, regions, settings, lambda share: say("toolpaths", 0.2 + 0.8 * share))
-        regions = regions[::-1]
-    else:
-        say("contours", 0.1)
-        tops = finished_tops(regions, settings)
-        beads = layer_beads(regions, tops, settings)
-        bands = make_bands(regions, part, settings) if settings.is_milled else []
-        say("toolpaths", 0.3)
-        sequence = build_up(regions, beads, tops, bands, settings, lambda share: say("toolpaths", 0.3 + 0.7 * share))
-        found += _overhang_findings(regions)
-    found += sequence.findings
-    outlines = layer_contours_many(regions, part, ContourStyle.from_recipe(recipe))
-    layers = [
-        layer_of(region, part, contours, sequence.operations.get(region.index, ()))
-        for region, contours in zip(regions, outlines, strict=True)
-    ]
-    volumes = _volumes(part, sequence, settings)
+    regions, notes = _regions(part, settings, lambda: say("sections", 0.05))
+    say("contours", 0.1)
+    handout = Handout(part, recipe, len(regions), on_layer, lambda share: say("toolpaths", 0.1 + 0.9 * share))
+    sequence = _sequence(part, build_from_part, regions, settings, handout)
+    layers = handout.finish()
+    if recipe.process != "mill":
+        notes += _overhang_findings(regions)
     say("done", 1.0)
     return Plan(
         part_name=part_name,
@@ -90,9 +81,39 @@ def plan(
         build_from_part=build_from_part,
         bounds=part.bounds,
         layers=tuple(layers),
-        findings=tuple(found),
-        volumes_mm3=volumes,
+        findings=(*found, *chosen, *notes, *sequence.findings),
+        volumes_mm3=_volumes(part, sequence, settings),
     )
+
+
+def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tuple[list[LayerRegion], list[str]]:
+    """The layers of a part in its build frame, and what was found.  levelled : told when their heights are known."""
+    recipe = settings.recipe
+    levels, notes = layer_levels(
+        part,
+        recipe.cusp_mm,
+        settings.layer_min_mm,
+        settings.layer_max_mm,
+        rule=recipe.layer_rule,
+        side=recipe.tolerance_side,
+        crease_deg=recipe.crease_deg,
+    )
+    levelled()
+    regions = layer_regions(part, levels, fitted_shapes(part, ContourStyle.from_recipe(recipe)))
+    _refuse_empty(regions)
+    return regions, notes
+
+
+def _sequence(
+    part: Mesh, build_from_part: Floats, regions: list[LayerRegion], settings: Settings, handout: Handout
+) -> Sequence:
+    """All operations in order; the handout is told each layer that is done."""
+    if settings.recipe.process == "mill":
+        return carve(stock_of(part, settings.recipe, build_from_part), regions, settings, handout.take)
+    tops = finished_tops(regions, settings)
+    beads = layer_beads(regions, tops, settings)
+    bands = make_bands(regions, part, settings) if settings.is_milled else iter(())
+    return build_up(regions, beads, tops, bands, settings, handout.take)
 
 
 def build_direction(mesh: Mesh, recipe: Recipe) -> tuple[Floats, list[str]]:
@@ -179,28 +200,6 @@ def _overhang_findings(regions: list[LayerRegion]) -> list[str]:
         for region in regions
         if region.overhang_mm2 > max(_OVERHANG_WORTH_MM2, 0.02 * region.areas[0].area)
     ]
-
-
-def layer_of(
-    region: LayerRegion, part: Mesh, contours: tuple[Contour, ...], operations: Iterable[Operation]
-) -> Layer:
-    """The Layer of the Plan: planes, contours, walls, areas and what is done to it."""
-    if region.is_upright:
-        raised = np.eye(4)
-        raised[2, 3] = region.height_mm
-        walls = tuple(Wall(contour.curve, contour.curve.transformed(raised)) for contour in contours)
-    else:
-        walls = ruled_walls(region.bottom, region.top, part)
-    return Layer(
-        index=region.index,
-        bottom=np.array([0.0, 0.0, region.z_bottom, 0.0, 0.0, 1.0]),
-        top=np.array([0.0, 0.0, region.z_top, 0.0, 0.0, 1.0]),
-        contours=contours,
-        walls=walls,
-        overlap_mm2=region.overlap_mm2,
-        overhang_mm2=region.overhang_mm2,
-        operations=tuple(operations),
-    )
 
 
 def _volumes(part: Mesh, sequence: Sequence, settings: Settings) -> dict[str, float]:

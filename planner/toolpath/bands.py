@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -40,27 +41,26 @@ class Band:
     continues: bool
 
 
-def make_bands(layers: list[LayerRegion], mesh: Mesh, settings: Settings) -> list[Band]:
+def make_bands(layers: list[LayerRegion], mesh: Mesh, settings: Settings) -> Iterator[Band]:
     """The layers in bands from below: as many as the recipe and the axial depth allow and as one axis law fits.
 
-    A ledge, a new wall direction or a wall that no straight line follows begins another band.
+    A ledge, a new wall direction or a wall that no straight line follows begins another band. Each band is made when it is
+    asked for, so that work on the lowest can begin before the others are known.
     """
-    bands: list[Band] = []
     start = 0
     while start < len(layers):
-        band = _band(layers, start, start, mesh, settings, bands)
+        band = _band(layers, start, start, mesh, settings)
         for last in range(start + 1, len(layers)):
             if not _has_room(layers, start, last, settings) or band.kind == "stepped":
                 break
             if not is_same(layers[last - 1].areas[2], layers[last].areas[0], 0.01):
                 break
-            longer = _band(layers, start, last, mesh, settings, bands)
+            longer = _band(layers, start, last, mesh, settings)
             if longer.kind != band.kind:
                 break
             band = longer
-        bands.append(band)
+        yield band
         start = band.last + 1
-    return bands
 
 
 def _has_room(layers: list[LayerRegion], first: int, last: int, settings: Settings) -> bool:
@@ -69,13 +69,11 @@ def _has_room(layers: list[LayerRegion], first: int, last: int, settings: Settin
     return height <= settings.mill_every_mm + 1e-9 and (most is None or last - first < most)
 
 
-def _band(
-    layers: list[LayerRegion], first: int, last: int, mesh: Mesh, settings: Settings, below: list[Band]
-) -> Band:
+def _band(layers: list[LayerRegion], first: int, last: int, mesh: Mesh, settings: Settings) -> Band:
     """The band of layers first ... last with the best axis law that fits it."""
     members = layers[first : last + 1]
     region = united([layer.region for layer in members])
-    continues = bool(below) and is_same(layers[first - 1].areas[2], layers[first].areas[0], 0.01)
+    continues = first > 0 and is_same(layers[first - 1].areas[2], layers[first].areas[0], 0.01)
     kind: Kind = "upright"
     walls: tuple[Wall, ...] = ()
     if not all(layer.is_upright and is_same(layer.region, region) for layer in members):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from shapely import MultiPolygon
@@ -17,6 +17,8 @@ from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, sid
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
 from planner.toolpath.fill import infill_region
 from planner.toolpath.links import Pose, linked
+
+Finished = Callable[[LayerRegion, list[Operation]], None]
 
 RUNS_DOWN = 1.5
 """Of a track's height: how far below the surface that it is laid on it may wet a leaning wall."""
@@ -86,28 +88,31 @@ def build_up(
     layers: list[LayerRegion],
     beads: list[Bead],
     tops: list[bool],
-    bands: list[Band],
+    bands: Iterable[Band],
     settings: Settings,
-    progress: Callable[[float], None],
+    finished: Finished,
 ) -> Sequence:
     """The operations of a part that is deposited (and, where there are bands, milled), from the substrate up.
 
-    tops : which layers have a finished face   bands : of all layers, or none for a part that is only deposited
-    progress : told the share done.
+    tops : which layers have a finished face   bands : of all layers from below, taken one by one as the part grows, or
+    none for a part that is only deposited   finished : told each layer and its operations when none will be added.
     Raises PlanningError if no bead fits anywhere.
     """
     sequence = Sequence(settings)
-    closing = {band.last: band for band in bands}
+    following = iter(bands)
+    current: Band | None = None
     for layer, bead, is_top in zip(layers, beads, tops, strict=True):
+        if current is None or current.last < layer.index:
+            current = next(following, None)
         sequence.deposit(layer, bead, is_top)
-        band = closing.get(layer.index)
+        band = current if current is not None and current.last == layer.index else None
         if settings.is_milled:
             if band is not None or _is_face_due(sequence, layer, bead, layer.index == len(layers) - 1):
                 sequence.face(layer, outset(grown_region(layer, bead, settings), BULGE * bead.width_mm, 0.01))
             if band is not None:
                 run_down = RUNS_DOWN * beads[band.first].crest_mm
                 sequence.mill(band, layers[: band.first], _excess_mm(band, layers, beads, settings), run_down)
-        progress((layer.index + 1) / len(layers))
+        finished(layer, sequence.operations.get(layer.index, []))
     if not sequence.operations:
         raise PlanningError(
             f"nothing can be deposited: all walls are thinner than {THINNEST * beads[0].width_mm:.2f} mm, "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +22,7 @@ from planner.slicing.slicer import slice_mesh
 from planner.toolpath.contour import PATH_TOLERANCE_MM
 from planner.toolpath.face import entry_point
 from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
-from planner.toolpath.order import Sequence
+from planner.toolpath.order import Finished, Sequence
 from planner.toolpath.side import places, unreached, upright_passes
 
 Floats = NDArray[np.float64]
@@ -61,9 +60,10 @@ def box_mesh(low: Floats, high: Floats) -> Mesh:
     return Mesh(corners, np.array([[a, b, c] for a, b, c, d in quads] + [[a, c, d] for a, b, c, d in quads]))
 
 
-def carve(stock: Mesh, regions: list[LayerRegion], settings: Settings, progress: Callable[[float], None]) -> Sequence:
+def carve(stock: Mesh, regions: list[LayerRegion], settings: Settings, finished: Finished) -> Sequence:
     """The operations that cut the part out of the stock, layer by layer from the top.
 
+    finished : told each layer and its operations when none will be added.
     What stands above a layer shades it: the cutter comes from above only, and undercuts stay (a finding says so).
     """
     top = float(stock.bounds[1, 2])
@@ -72,7 +72,7 @@ def carve(stock: Mesh, regions: list[LayerRegion], settings: Settings, progress:
     keep = MultiPolygon()
     ceiling = top
     shaded = 0.0
-    for done, region in enumerate(reversed(regions)):
+    for region in reversed(regions):
         wider = united([keep, region.region])
         shaded += max(wider.area - region.region.area, 0.0) * region.height_mm
         for high, low in pairwise(_levels(ceiling, region, depth)):
@@ -81,7 +81,7 @@ def carve(stock: Mesh, regions: list[LayerRegion], settings: Settings, progress:
             for operation in _slab(metal, kept, float(low), region.index, settings):
                 sequence.add(operation, region.index)
         keep, ceiling = wider, region.z_bottom
-        progress((done + 1) / len(regions))
+        finished(region, sequence.operations.get(region.index, []))
     sequence.findings.extend(_findings(shaded, keep, settings))
     sequence.deposited_mm3 = stock.volume
     if not sequence.operations:
