@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 
 STORED = 1.2e-7
 """Coordinates of an STL are 32-bit: two neighbouring numbers differ by this share of the largest coordinate."""
-_FLAT_RATIO = 4.0  # a plane face this much wider than the strips beside it is a flat face, not a step along a bend
+_FLAT_RATIO = 2.5  # a plane face this much wider than all others at a vertex is a flat face, not a step along a bend
 _APEX_RATIO = 0.25  # of the bend at a vertex that its neighbours see along the edge: below it the surface is a cone
 _APEX_BEND = 0.02  # rad; less bent vertices are no tip
 _STRAIGHT_RAD = 1e-5  # an edge whose curve leaves it at a smaller angle is straight: the rounding of 32-bit coordinates

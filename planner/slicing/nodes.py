@@ -18,7 +18,7 @@ Flags = NDArray[np.bool_]
 _NEWTON_STEPS = 12
 _FARTHEST = 0.3  # of an edge, along it: edges that meet the plane at so small an angle are left across, in the plane
 _LONGEST_MOVE = 0.5  # of an edge: a point that would move farther stays
-_LEVEL = 1e-3  # sine of the angle between plane and surface below which the curve has no direction
+_LEVEL = 0.05  # sine of the angle between plane and surface below which the surface tells no direction (3 degrees)
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,3 +106,16 @@ def test_absent_file_and_unwritable_place_are_refused(made: Plan, tmp_path: Path
         read_plan(tmp_path / "none.h5")
     with pytest.raises(FileFormatError, match="cannot be written"):
         write_plan(made, tmp_path / "no_folder" / "plan.h5")
+
+
+def test_contours_keep_both_deviations_and_a_plan_along_facets_its_bytes(made: Plan) -> None:
+    read = plan_from_bytes(plan_bytes(made))
+    for layer, again in zip(made.layers, read.layers, strict=True):
+        for contour, other in zip(layer.contours, again.contours, strict=True):
+            assert (contour.deviation_mm, contour.smooth_deviation_mm) == (other.deviation_mm, other.smooth_deviation_mm)
+    bare = [
+        replace(layer, contours=tuple(replace(c, smooth_deviation_mm=float("nan")) for c in layer.contours))
+        for layer in made.layers
+    ]
+    along_facets = replace(made, layers=tuple(bare))
+    assert plan_bytes(plan_from_bytes(plan_bytes(along_facets))) == plan_bytes(along_facets) != plan_bytes(made)

@@ -59,3 +59,22 @@ def test_page_loads_nothing_escapes_names_and_holds_every_layer(made: Plan) -> N
     assert not re.search(r"(src|href)=|https?://", page)
     data = re.search(r'id="layers">(.*?)</script>', page, re.S)
     assert data is not None and len(json.loads(data.group(1))) == 3
+
+
+def test_text_and_json_tell_for_every_layer_how_far_its_contours_lie_from_facets_and_surface(made: Plan) -> None:
+    figures = json.loads(show.as_json(made))["layers"]
+    lines = [line for line in show.text(made).splitlines() if re.match(r"\s*\d+ +\d+\.\d{3}", line)]
+    assert "off facets  off surface" in show.text(made)
+    for layer, shown, line in zip(made.layers, figures, lines, strict=True):
+        facets = max(contour.deviation_mm for contour in layer.contours)
+        surface = max(contour.smooth_deviation_mm for contour in layer.contours)
+        assert shown["deviation_mm"] == pytest.approx(facets, abs=1e-6)
+        assert shown["smooth_deviation_mm"] == pytest.approx(surface, abs=1e-9)
+        assert f"{facets:.5f}" in line and f"{surface:.2e}" in line
+
+
+def test_contours_along_facets_have_no_deviation_from_a_surface() -> None:
+    made = plan(tube(8.0, 14.0, 1.6), Recipe(layer_height_mm=0.8, fit="facets"))
+    figures = json.loads(show.as_json(made))["layers"]
+    assert all(layer["smooth_deviation_mm"] is None for layer in figures)
+    assert " - " in show.text(made).splitlines()[-1]
