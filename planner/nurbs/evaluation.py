@@ -181,6 +181,26 @@ def quotient(work: Floats, orders: int, dimension: int) -> None:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _cubic_work(knots: Floats, span: int, t: float, nets: Floats, work: Floats) -> None:
+    """Derivatives of a cubic spline's rows at t, into work (orders, D), from difference_nets (A3.4 written out)."""
+    t2, t3, t4, t5 = knots[span - 1], knots[span], knots[span + 1], knots[span + 2]
+    inner = 1.0 / (t4 - t3)
+    l0, l1 = (t4 - t) * inner, (t - t3) * inner
+    low, high = l0 / (t4 - t2), l1 / (t5 - t3)
+    q0, q1, q2 = (t4 - t) * low, (t - t2) * low + (t5 - t) * high, (t - t3) * high
+    b0, b1, b2, b3 = cubic_basis(knots, span, t)
+    for axis in range(work.shape[1]):
+        near, far = b0 * nets[0, 0, axis] + b1 * nets[0, 1, axis], b2 * nets[0, 2, axis] + b3 * nets[0, 3, axis]
+        work[0, axis] = near + far
+        if len(work) > 1:
+            work[1, axis] = q0 * nets[1, 0, axis] + q1 * nets[1, 1, axis] + q2 * nets[1, 2, axis]
+        if len(work) > 2:
+            work[2, axis] = l0 * nets[2, 0, axis] + l1 * nets[2, 1, axis]
+        for order in range(3, len(work)):
+            work[order, axis] = nets[order, 0, axis]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def fill_derivatives(
     degree: int, knots: Floats, rows: Floats, rational: bool, u: Floats, left: bool, out: Floats
 ) -> int:
@@ -204,13 +224,16 @@ def fill_derivatives(
         if span != known:
             difference_nets(degree, knots, rows, span, orders - 1, nets)
             known = span
-        basis_levels(degree, knots, span, t, levels)
-        for order in range(orders):
-            for axis in range(width):
-                total = 0.0
-                for j in range(degree + 1 - order):
-                    total += levels[degree - order, j] * nets[order, j, axis]
-                work[order, axis] = total
+        if degree == 3:
+            _cubic_work(knots, span, t, nets, work)
+        else:
+            basis_levels(degree, knots, span, t, levels)
+            for order in range(orders):
+                for axis in range(width):
+                    total = 0.0
+                    for j in range(degree + 1 - order):
+                        total += levels[degree - order, j] * nets[order, j, axis]
+                    work[order, axis] = total
         if rational:
             quotient(work, orders, dimension)
         for order in range(orders):
