@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -13,12 +12,13 @@ from shapely import MultiPolygon
 
 from planner.nurbs.curve import Curve
 from planner.nurbs.offset import signed_offsets
-from planner.nurbs.offset_pieces import fit_stretch
+from planner.nurbs.offset_pieces import fit_stretches
 from planner.nurbs.offset_source import Sides, Source, polygons_of, sides_of, source_of
-from planner.nurbs.offset_trace import trace_ring
+from planner.nurbs.offset_trace import trace_rings
 from planner.nurbs.rings import Ring, fit_loops
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 TOLERANCE_MM = 2e-4
 """Of offset curves from the exact offset: a fifth of the 1e-3 mm that is promised."""
@@ -66,108 +66,147 @@ def offset_many(
     if not tolerance_mm > 0.0:
         raise ValueError(f"the tolerance must be positive, not {tolerance_mm:g} mm")
     source = source_of(sets)
-    sides = sides_of(source, _CHORD_MM)
-    regions = polygons_of(source, sides, len(sets))
-    moved = signed_offsets(regions, distances_mm, _CHORD_MM)
-    found: list[list[list[Ring]]] = []
-    for number, (region, row) in enumerate(zip(regions, moved, strict=True)):
-        outline = region.boundary
-        shapely.prepare(outline)
-        found.append([])
-        for shape, distance in zip(row, distances_mm, strict=True):
-            task = _Task(source, sides, number, outline, -float(distance), _CHORD_MM, tolerance_mm, arcs)
-            rings = _rings(task, shape, False)
-            found[-1].append(_finer(task, distance) if rings is None else rings)
-    return found
+    style = _Style(tolerance_mm, arcs)
+    every = [(number, float(distance)) for number in range(len(sets)) for distance in distances_mm]
+    found = _offsets(source, every, _CHORD_MM, style)
+    for index, rings in enumerate(found):
+        if rings is None:
+            found[index] = _offsets(source, [every[index]], _FINE_MM, style, always=True)[0]
+    width = len(distances_mm)
+    return [[rings or [] for rings in found[k * width : (k + 1) * width]] for k in range(len(sets))]
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """One set of a source, to be offset by left_mm to the left of its loops.
+@dataclass(frozen=True)
+class _Style:
+    """tolerance_mm, arcs : of `offset_curves`."""
 
-    outline : of its polygons, prepared   chord_mm : error of these   tolerance_mm, arcs : of `offset_curves`.
-    """
-
-    source: Source
-    sides: Sides
-    number: int
-    outline: shapely.Geometry
-    left_mm: float
-    chord_mm: float
     tolerance_mm: float
     arcs: bool
 
-    @cached_property
-    def span(self) -> tuple[int, int]:
-        """The set's sides: first, and one past the last."""
-        mine = np.flatnonzero(self.source.owner == self.number)
-        return int(self.sides.first[mine[0]]), int(self.sides.first[mine[-1] + 1])
 
+def _offsets(
+    source: Source, wanted: Sequence[tuple[int, float]], chord_mm: float, style: _Style, always: bool = False
+) -> list[list[Ring] | None]:
+    """The rings of each wanted set and distance, None where one cannot be traced (always: then as its polygon runs).
 
-def _finer(task: _Task, distance_mm: float) -> list[Ring]:
-    """The same on finer polygons; where a ring cannot be traced on them either, from the ring itself."""
-    sides = sides_of(task.source, _FINE_MM)
-    region = polygons_of(task.source, sides, task.number + 1)[task.number]
-    moved = signed_offsets([region], [distance_mm], _FINE_MM)[0][0]
-    outline = region.boundary
-    shapely.prepare(outline)
-    return _rings(replace(task, sides=sides, outline=outline, chord_mm=_FINE_MM), moved, True) or []
-
-
-def _rings(task: _Task, region: MultiPolygon, always: bool) -> list[Ring] | None:
-    """The rings of one offset region, traced on its source; None (or, always, the ring's own fit) if one cannot be."""
-    found: list[Ring] = []
-    for part in shapely.get_parts(shapely.orient_polygons(region)):
-        parent = len(found)
-        for index, line in enumerate([part.exterior, *part.interiors]):
-            ring = np.ascontiguousarray(shapely.get_coordinates(line)[:-1])
-            curve = _traced(task, ring) if task.left_mm else None
-            if curve is None:
-                if not always and task.left_mm:
-                    return None
-                curve = fit_loops([ring], task.tolerance_mm)[0]
-            found.append(Ring(curve, index > 0, parent if index else -1))
+    chord_mm : error of the polygons that decide what is left.
+    """
+    sides = sides_of(source, chord_mm)
+    sets = sorted({number for number, _ in wanted})
+    outlines = dict(zip(sets, polygons_of(source, sides, sets), strict=True))
+    lines: list[shapely.Geometry] = []
+    owner: list[int] = []
+    holes: list[bool] = []
+    for index, shape in enumerate(_moved(outlines, wanted, chord_mm)):
+        for part in shapely.get_parts(shapely.orient_polygons(shape)):
+            lines += [part.exterior, *part.interiors]
+            holes += [False] + [True] * len(part.interiors)
+            owner += [index] * (1 + len(part.interiors))
+    rings = [np.ascontiguousarray(shapely.get_coordinates(line)[:-1]) for line in lines]
+    curves = _traced(source, sides, rings, [wanted[k] for k in owner], outlines, chord_mm, style)
+    found: list[list[Ring] | None] = [[] for _ in wanted]
+    parent = -1
+    for index, is_hole, ring, curve in zip(owner, holes, rings, curves, strict=True):
+        mine = found[index]
+        if mine is None or (curve is None and not always):
+            found[index] = None
+            continue
+        parent = parent if is_hole else len(mine)
+        mine.append(Ring(curve or fit_loops([ring], style.tolerance_mm)[0], is_hole, parent if is_hole else -1))
     return found
 
 
-def _traced(task: _Task, ring: Floats) -> Curve | None:
-    """The curve that a ring stands for; None where its stretches do not meet, or come nearer to the source."""
-    source, sides = task.source, task.sides
-    rows, met = trace_ring(
+def _moved(
+    outlines: dict[int, MultiPolygon], wanted: Sequence[tuple[int, float]], chord_mm: float
+) -> list[MultiPolygon]:
+    """The offset regions of sets and distances; those of one distance in one call."""
+    found: dict[tuple[int, float], MultiPolygon] = {}
+    for distance in sorted({distance for _, distance in wanted}):
+        numbers = [number for number, own in wanted if own == distance]
+        shapes = signed_offsets([outlines[number] for number in numbers], [distance], chord_mm)
+        found.update({(number, distance): row[0] for number, row in zip(numbers, shapes, strict=True)})
+    return [found[key] for key in wanted]
+
+
+def _traced(
+    source: Source,
+    sides: Sides,
+    rings: list[Floats],
+    stands_for: list[tuple[int, float]],
+    outlines: dict[int, MultiPolygon],
+    chord_mm: float,
+    style: _Style,
+) -> list[Curve | None]:
+    """The curves that rings stand for; None where stretches do not meet, or come nearer to the source.
+
+    stands_for : set and distance of each ring.
+    """
+    if not rings:
+        return []
+    first = np.concatenate([[0], np.cumsum([len(ring) for ring in rings])])
+    left = np.array([-distance for _, distance in stands_for])
+    loops = np.searchsorted(source.owner, np.array([[number, number + 1] for number, _ in stands_for]))
+    rows, begin, whole = trace_rings(
         source.coefficients, source.is_corner, sides.points, sides.piece, sides.low, sides.high, sides.after,
-        sides.before, sides.loop, source.first, ring, task.span, task.left_mm, _SLACK * task.chord_mm,
+        sides.before, sides.loop, source.first, np.concatenate(rings), first, sides.first[loops], left,
+        _SLACK * chord_mm,
     )  # fmt: skip
-    if not met:
-        return None
-    nets: list[Floats] = []
-    for row in rows:
-        loop = sides.loop[int(row[0])]
-        low, high = int(source.first[loop]), int(source.first[loop + 1])
-        pieces, fits = fit_stretch(
-            source.coefficients, source.is_corner, source.begins, low, high, row, task.left_mm, task.tolerance_mm, task.arcs
-        )
-        if row[4] < _TINY * task.chord_mm and _path(pieces)[1] > 3.0 * _TINY * task.chord_mm:
-            continue
-        if not fits:
-            return None
-        nets.append(pieces)
-    if not nets:
-        return None
-    whole = np.concatenate(nets)
-    points, length = _path(whole)
-    expected = float(rows[:, 4].sum())
-    cut_off = abs(task.left_mm) - _NEARER * (task.chord_mm + task.tolerance_mm)
-    near = cut_off > 0.0 and shapely.dwithin(task.outline, shapely.points(points), cut_off).any()
-    if near or abs(length - expected) > _TINY * task.chord_mm * len(rows) + 0.02 * expected:
-        return None
-    return _joined(whole)
+    whole &= left != 0.0
+    per_row = np.repeat(left, np.diff(begin))
+    nets, starts, fits = fit_stretches(
+        source.coefficients, source.is_corner, source.begins, source.first, sides.loop, rows, per_row,
+        style.tolerance_mm, style.arcs,
+    )  # fmt: skip
+    points, lengths = _path(nets)
+    reach = np.add.reduceat(np.append(lengths, 0.0), starts[:-1])
+    out_of_place = (rows[:, 4] < _TINY * chord_mm) & (reach > 3.0 * _TINY * chord_mm)
+    near = _are_nearer(points, starts[begin], outlines, stands_for, np.diff(begin) > 1, chord_mm + style.tolerance_mm)
+    found: list[Curve | None] = []
+    for k in range(len(rings)):
+        mine = np.flatnonzero(~out_of_place[begin[k] : begin[k + 1]]) + begin[k]
+        expected = float(rows[begin[k] : begin[k + 1], 4].sum())
+        misses = abs(float(reach[mine].sum()) - expected)
+        fair = mine.size and fits[mine].all() and misses <= _TINY * chord_mm * (begin[k + 1] - begin[k]) + 0.02 * expected
+        if not (whole[k] and fair) or near[k]:
+            found.append(None)
+        elif len(mine) == begin[k + 1] - begin[k]:
+            found.append(_joined(nets[starts[begin[k]] : starts[begin[k + 1]]]))
+        else:
+            found.append(_joined(np.concatenate([nets[starts[row] : starts[row + 1]] for row in mine])))
+    return found
 
 
-def _path(pieces: Floats) -> tuple[Floats, float]:
-    """Points on the pieces, (4 m, 2) float, mm, and the length of the polygon through them, mm."""
-    rows = np.einsum("tk,pkd->ptd", _BASIS, pieces * np.where(np.arange(3) < 2, pieces[:, :, 2:], 1.0)).reshape(-1, 3)
-    path = rows[:, :2] / rows[:, 2:]
-    return path, float(np.hypot(*np.diff(path, axis=0).T).sum() + np.hypot(*(pieces[-1, 3, :2] - path[-1])))
+def _are_nearer(
+    points: Floats,
+    first: Ints,
+    outlines: dict[int, MultiPolygon],
+    stands_for: list[tuple[int, float]],
+    asked: NDArray[np.bool_],
+    error_mm: float,
+) -> NDArray[np.bool_]:
+    """Which rings come nearer to their set's polygons than they should, of those asked for: others meet nothing.
+
+    points : (m, k, 2) float, mm, of the pieces   first : (r+1,) int, pieces of each ring   error_mm : of both.
+    """
+    found = np.zeros(len(asked), dtype=bool)
+    lines = {number: shape.boundary for number, shape in outlines.items()}
+    for line in lines.values():
+        shapely.prepare(line)
+    for k in np.flatnonzero(asked):
+        number, distance = stands_for[k]
+        cut_off = abs(distance) - _NEARER * error_mm
+        mine = points[first[k] : first[k + 1]].reshape(-1, 2)
+        if cut_off > 0.0 and len(mine):
+            found[k] = shapely.dwithin(lines[number], shapely.points(mine), cut_off).any()
+    return found
+
+
+def _path(pieces: Floats) -> tuple[Floats, Floats]:
+    """Two points on each piece, (m, 2, 2) float, mm, and the length of the polygon through them, (m,) float, mm."""
+    rows = np.einsum("tk,pkd->ptd", _BASIS, pieces * np.where(np.arange(3) < 2, pieces[:, :, 2:], 1.0))
+    path = rows[:, :, :2] / rows[:, :, 2:]
+    corners = np.concatenate([path, pieces[:, 3:, :2]], axis=1)
+    return path[:, ::2], np.hypot(*np.moveaxis(np.diff(corners, axis=1), 2, 0)).sum(axis=1)
 
 
 def _joined(pieces: Floats) -> Curve:

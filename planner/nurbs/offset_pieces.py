@@ -213,3 +213,28 @@ def fit_stretch(
             found, depth = found + 1, depth - 1
             at = ends[depth]
     return nets[:found], good
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def fit_stretches(
+    table: Floats, is_corner: Mask, begins: Mask, first_piece: Ints, loop: Ints, rows: Floats, left: Floats,
+    tolerance: float, arcs: bool,
+) -> tuple[Floats, Ints, Mask]:  # pragma: no cover  # fmt: skip
+    """Pieces of many stretches: (m, 4, 3), first piece of each stretch (s+1,), whether all its pieces fit (s,).
+
+    rows : (s, 5) of `trace_rings`   left : (s,) float, mm.
+    """
+    count = len(rows)
+    nets = np.empty((4 * count + 64, 4, 3))
+    begin = np.zeros(count + 1, dtype=np.int64)
+    fits = np.zeros(count, dtype=np.bool_)
+    for k in range(count):
+        own = loop[int(rows[k, 0])]
+        found, fits[k] = fit_stretch(
+            table, is_corner, begins, first_piece[own], first_piece[own + 1], rows[k], left[k], tolerance, arcs
+        )
+        begin[k + 1] = begin[k] + len(found)
+        while begin[k + 1] > len(nets):
+            nets = np.concatenate((nets, np.empty_like(nets)))
+        nets[begin[k] : begin[k + 1]] = found
+    return nets[: begin[count]].copy(), begin, fits

@@ -162,11 +162,11 @@ def _with_corners(table: Floats, first: Ints, owner: Ints) -> Source:
     return Source(np.ascontiguousarray(np.insert(table, at, corners, axis=0)), is_corner, begins, moved, owner)
 
 
-def polygons_of(source: Source, sides: Sides, count: int) -> list[MultiPolygon]:
-    """The region that each set of loops bounds, of the loops' polygons: `count` regions, valid, mm."""
+def polygons_of(source: Source, sides: Sides, sets: Sequence[int]) -> list[MultiPolygon]:
+    """The region that each of these sets of loops bounds, of the loops' polygons, valid, mm."""
     keep = ~source.is_corner[sides.piece]
     rings = [sides.points[low:high][keep[low:high]] for low, high in pairwise(sides.first.tolist())]
-    return [_polygon([rings[k] for k in np.flatnonzero(source.owner == number)]) for number in range(count)]
+    return [_polygon([rings[k] for k in np.flatnonzero(source.owner == number)]) for number in sets]
 
 
 def _polygon(rings: list[Floats]) -> MultiPolygon:

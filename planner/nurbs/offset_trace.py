@@ -251,3 +251,27 @@ def trace_ring(
     rows[0, 0], rows[0, 1] = rows[found, 0], rows[found, 1]
     rows[0, 4] += length
     return rows[:found], good
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def trace_rings(
+    table: Floats, is_corner: Mask, points: Floats, piece: Ints, low: Floats, high: Floats, after: Ints, before: Ints,
+    loop: Ints, first_piece: Ints, path: Floats, first: Ints, spans: Ints, left: Floats, slack: float,
+) -> tuple[Floats, Ints, Mask]:  # pragma: no cover  # fmt: skip
+    """The stretches of many rings: rows (m, 5) as of `trace_ring`, first row of each ring (r+1,), whether it is whole (r,).
+
+    path : (n, 2) float, mm, all rings' points   first : (r+1,) int   spans : (r, 2) int, the sides of each ring's set
+    left : (r,) float, mm, distance to the left of each ring's source.
+    """
+    count = len(first) - 1
+    rows = np.empty((len(path) + count, 5))
+    begin = np.zeros(count + 1, dtype=np.int64)
+    whole = np.zeros(count, dtype=np.bool_)
+    for k in range(count):
+        found, whole[k] = trace_ring(
+            table, is_corner, points, piece, low, high, after, before, loop, first_piece,
+            path[first[k] : first[k + 1]], (spans[k, 0], spans[k, 1]), left[k], slack,
+        )  # fmt: skip
+        begin[k + 1] = begin[k] + len(found)
+        rows[begin[k] : begin[k + 1]] = found
+    return rows[: begin[count]].copy(), begin, whole
