@@ -31,6 +31,8 @@ def flip_slivers(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
     before, place, start = len(flat), mesh.centroids[flat[0]], mesh
     for _ in range(_MAX_ROUNDS):
         flipped = _flip_round(mesh, flat)
+        if np.array_equal(flipped, mesh.facets):
+            break
         mesh = Mesh(mesh.vertices, flipped)
         flat = flat_facets(mesh.vertices, mesh.facets, mesh.diagonal)
         if not len(flat):
@@ -52,10 +54,23 @@ def flip_slivers(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
     return mesh, findings
 
 
+def _vertices_beside(mesh: Mesh, vertices: Ints) -> dict[int, set[int]]:
+    """For each of the vertices all that share a facet with it."""
+    wanted = np.zeros(len(mesh.vertices), dtype=bool)
+    wanted[vertices] = True
+    beside: dict[int, set[int]] = {int(v): set() for v in vertices}
+    for corners in mesh.facets[wanted[mesh.facets].any(axis=1)].tolist():
+        for v in corners:
+            if v in beside:
+                beside[v].update(corners)
+    return beside
+
+
 def _flip_round(mesh: Mesh, flat: Ints) -> Ints:
     """Facets after flipping the longest edge of every flat facet whose neighbourhood no other flip has touched."""
     facets = mesh.facets.copy()
     touched: set[int] = set()
+    beside = _vertices_beside(mesh, np.unique(mesh.facets[flat]))
     for f in flat.tolist():
         corners = mesh.vertices[mesh.facets[f]]
         j = int(np.argmax(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)))
@@ -65,7 +80,7 @@ def _flip_round(mesh: Mesh, flat: Ints) -> Ints:
             continue
         p, q, r = (int(mesh.facets[f, (j + i) % 3]) for i in range(3))
         s = next(int(v) for v in mesh.facets[g] if v not in (p, q))
-        if s == r or bool(((mesh.facets == r).any(axis=1) & (mesh.facets == s).any(axis=1)).any()):
+        if s == r or s in beside[r]:
             continue
         facets[f] = (p, s, r)
         facets[g] = (s, q, r)

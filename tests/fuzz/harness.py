@@ -28,12 +28,12 @@ def fuzz(suffix: str, words: list[str]) -> int:
     for name, function in vars(read).copy().items():  # not by import: compiled kernels bear no instruments
         if isinstance(function, types.FunctionType) and function.__module__ == read.__name__:
             setattr(read, name, atheris.instrument_func(function))
-    from tests.fuzz.reading import is_mesh_or_one_line
+    from tests.fuzz.reading import assert_mesh_or_one_line
     from tests.fuzz.seeds import seeds
 
     with tempfile.TemporaryDirectory() as folder:
         for number, data in enumerate(seeds(suffix)):
-            is_mesh_or_one_line(data, suffix)  # compiles what is compiled on first use
+            assert_mesh_or_one_line(data, suffix)  # compiles what is compiled on first use
             (Path(folder) / f"seed{number}").write_bytes(data)
         given = [word for word in words if word.startswith("-")]
         if not any(word.startswith("-max_total_time") for word in given):
@@ -41,7 +41,7 @@ def fuzz(suffix: str, words: list[str]) -> int:
         options = [f"-rss_limit_mb={ALLOCATION_MB}", "-timeout=20", "-max_len=4096", *given]
         inputs = [word for word in words if not word.startswith("-")]
         atheris.Setup(
-            [sys.argv[0], *options, *(inputs or [folder])], lambda data: is_mesh_or_one_line(data, suffix) and None
+            [sys.argv[0], *options, *(inputs or [folder])], lambda data: assert_mesh_or_one_line(data, suffix) and None
         )
         atheris.Fuzz()
     return 0

@@ -8,7 +8,7 @@ from planner.errors import MeshError
 from planner.mesh import load_bytes
 
 
-def is_mesh_or_one_line(data: bytes, suffix: str) -> bool:
+def assert_mesh_or_one_line(data: bytes, suffix: str) -> bool:
     """Read a file; whether it gave a mesh. Any exception but MeshError passes; AssertionError if either is not sound."""
     try:
         mesh = load_bytes(data, suffix)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from planner.errors import MeshError
 from planner.mesh import load_bytes
-from tests.fuzz.reading import is_mesh_or_one_line
+from tests.fuzz.reading import assert_mesh_or_one_line
 from tests.fuzz.seeds import archive, model_3mf, seeds
 
 SUFFIXES = (".stl", ".obj", ".ply", ".3mf")
@@ -61,13 +61,13 @@ def damaged(draw: st.DrawFn) -> tuple[bytes, str]:
 @FEW
 @given(damaged())
 def test_a_damaged_file_gives_a_mesh_or_one_line(case: tuple[bytes, str]) -> None:
-    is_mesh_or_one_line(*case)
+    assert_mesh_or_one_line(*case)
 
 
 @settings(FEW, max_examples=60)
 @given(st.binary(max_size=400), st.sampled_from(SUFFIXES))
 def test_bytes_that_mean_nothing_give_one_line(data: bytes, suffix: str) -> None:
-    assert not is_mesh_or_one_line(data, suffix)
+    assert not assert_mesh_or_one_line(data, suffix)
 
 
 @settings(FEW, max_examples=60)
@@ -79,14 +79,14 @@ def test_facets_between_any_vertices_give_a_mesh_or_one_line(
     facets: list[tuple[int, int, int]], vertices: list[tuple[int, int, int]]
 ) -> None:
     lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a} {b} {c}" for a, b, c in facets]
-    is_mesh_or_one_line("\n".join(lines).encode(), ".obj")
+    assert_mesh_or_one_line("\n".join(lines).encode(), ".obj")
 
 
 @settings(FEW, max_examples=60)
 @given(st.lists(st.tuples(*[st.integers(0, 2)] * 9), min_size=1, max_size=12))
 def test_facets_on_a_coarse_grid_give_a_mesh_or_one_line(facets: list[tuple[int, ...]]) -> None:
     records = b"".join(struct.pack("<12fH", 0, 0, 0, *facet, 0) for facet in facets)
-    is_mesh_or_one_line(bytes(80) + struct.pack("<I", len(facets)) + records, ".stl")
+    assert_mesh_or_one_line(bytes(80) + struct.pack("<I", len(facets)) + records, ".stl")
 
 
 @pytest.mark.parametrize("name", sorted(FOUND))
