@@ -181,7 +181,8 @@ def _parameters(
                 right = t
             else:
                 left = t
-            step = t - error / _speed(net, degree, t, rational, work, jet)
+            speed = _speed(net, degree, t, rational, work, jet)
+            step = t - error / speed if speed > 0.0 else left
             t = step if left < step < right else 0.5 * (left + right)
         result[k] = lows[at] + t * (highs[at] - lows[at])
     return result
