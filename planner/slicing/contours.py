@@ -26,7 +26,7 @@ from planner.recipe import Recipe
 from planner.slicing.chain import chain_of
 from planner.slicing.nearness import nearest_sides
 from planner.slicing.nodes import Outline, lifted_nodes
-from planner.slicing.regions import LayerRegion, is_same
+from planner.slicing.regions import LayerRegion, is_same, united
 from planner.slicing.section import Section
 
 Floats = NDArray[np.float64]
@@ -204,7 +204,7 @@ def layer_contours_many(
     found: list[tuple[Contour, ...]] = []
     for layer, section in zip(layers, chosen, strict=True):
         if section is None:
-            found.append(_united_contours(layer))
+            found.append(_united_contours(layer, mesh, style))
             continue
         lowered = np.eye(4)
         lowered[2, 3] = layer.z_bottom - section.origin[2]
@@ -231,16 +231,25 @@ def _ruling_section(layer: LayerRegion) -> Section | None:
     return None
 
 
-def _united_contours(layer: LayerRegion) -> tuple[Contour, ...]:
-    """Contours of the union of a layer's sections; they stand for no smooth surface."""
+def _united_contours(layer: LayerRegion, mesh: Mesh, style: ContourStyle) -> tuple[Contour, ...]:
+    """Contours of the union of a layer's sections.
+
+    Their deviation from the facets is the distance of their points from the outline of the united polygons; that from the
+    smooth surface is an upper bound: the distance from the outline of the united curves, the curves' own, REGION_MM.
+    """
     lift = np.eye(4)
     lift[2, 3] = layer.z_bottom
-    found = []
+    sections = [layer.bottom, layer.middle, layer.top]
+    facets = united([section.to_shapely() for section in sections]).boundary
+    smooth, own = None, float("nan")
+    if style.fit == "surface":
+        found = section_curves_many(sections, mesh, style)
+        smooth = united([region_of(section, curves) for section, curves in zip(sections, found, strict=True)]).boundary
+        own = max((item.smooth_deviation_mm for curves in found for item in curves), default=0.0) + REGION_MM
+    made = []
     for ring in curves_from_region(layer.region):
-        curve = ring.curve.transformed(lift)
-        points = ring.curve.evaluate(_sample(ring.curve, np.inf))[:-1]
-        outline = layer.region.boundary
-        shapely.prepare(outline)
-        error = float(shapely.distance(outline, shapely.points(points[:, :2])).max())
-        found.append(Contour(curve, ring.is_hole, ring.parent, error, float("nan")))
-    return tuple(found)
+        points = shapely.points(ring.curve.evaluate(_sample(ring.curve, np.inf))[:-1, :2])
+        outward = float(shapely.distance(facets, points).max())
+        off = own if smooth is None else own + float(shapely.distance(smooth, points).max())
+        made.append(Contour(ring.curve.transformed(lift), ring.is_hole, ring.parent, outward, off))
+    return tuple(made)
