@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner.errors import FitError
 from planner.nurbs.curve import Curve
+from planner.nurbs.exact import spliced, with_exact_pieces
 from planner.nurbs.fit_kernel import fit_all
-from planner.nurbs.segments import ContourTable, contour_table
+from planner.nurbs.segments import ContourTable, contour_table, refusal
 
 Floats = NDArray[np.float64]
 Handles = Literal["speed", "curvature"]
@@ -39,6 +40,9 @@ def interpolate(
     curvatures : (n, d) or (n, 2, d) float, 1/mm   Known curvature vectors dT/ds, NaN rows where five points tell.
     handles    : "speed" (paper Eq. 5: C1, equal speed at joints and midpoints) or "curvature" (sixth order; joints
                  share their tangent, knots of multiplicity 3; falls back to speed piece by piece).
+    arc_tolerance_mm : if given, runs of points within it of one line (3 points or more) or circle (4 or more) become
+                 exact: the curve is then a rational cubic. Choose the noise of the points: any smooth curve is made
+                 of arcs to a coarse tolerance.
     Returns a curve on (0, 1), parameter proportional to length at the joints. With n pieces, no corners and "speed":
     2n+2 control points and 2n+6 knots.
     Raises FitError if a point is not finite or fewer than 2 distinct points (closed: 3) remain.
@@ -76,27 +80,31 @@ def interpolate_many(
     if not len(contours):
         return []
     table = contour_table(contours, closed, corners, tangents, curvatures)
+    if arc_tolerance_mm is None:
+        return fit_table(table, handles == "curvature", handles == "curvature")
+    if not arc_tolerance_mm > 0.0:
+        raise FitError(f"the tolerance of arcs must be positive, not {arc_tolerance_mm:g} mm")
+    distinct, pieces = with_exact_pieces(table, arc_tolerance_mm)
+    fitted = fit_table(distinct, handles == "curvature", True)
+    return [spliced(curve, found) for curve, found in zip(fitted, pieces, strict=True)]
+
+
+def fit_table(table: ContourTable, matched: bool, keeps_joints: bool) -> list[Curve]:
+    """One curve per contour of a table; matched : curvature handles.
+
+    keeps_joints : whether smooth joints stay control points, triple knots.   Raises FitError as `interpolate`.
+    """
     count, (rows, dimension) = len(table.closed), table.points.shape
     net, knots = np.empty((3 * rows + count, dimension)), np.empty(3 * rows + 5 * count)
     sizes = np.empty((count, 2), dtype=np.int64)
     bad, found = fit_all(
         table.points, table.offsets, table.closed, table.corners, table.tangents, table.curvatures,
-        handles == "curvature", net, knots, sizes,
+        matched, keeps_joints, net, knots, sizes,
     )  # fmt: skip
     if bad >= 0:
-        raise _refusal(table, bad, found)
+        raise refusal(table, bad, found)
     curves, row, knot = [], 0, 0
     for size, length in sizes.tolist():
         curves.append(Curve._trusted(3, knots[knot : knot + length], net[row : row + size]))
         row, knot = row + size, knot + length
     return curves
-
-
-def _refusal(table: ContourTable, contour: int, found: int) -> FitError:
-    """Why a contour makes no curve: `found` distinct points, or -1 - i where point i is not finite."""
-    if found < 0:
-        return FitError(f"contour {contour}: point {-1 - found} is not finite", "check the mesh for NaN")
-    kind, least = ("closed", 3) if table.closed[contour] else ("open", 2)
-    return FitError(
-        f"contour {contour} has {found} distinct points; {kind} ones need {least}", "drop it or slice elsewhere"
-    )

@@ -7,9 +7,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planner.nurbs.handles import (
-    end_curvature,
     five_point_curvatures,
     matched_handles,
+    quintic_bulges,
     speed_handles,
 )
 from planner.nurbs.segments import DUPLICATE_MM
@@ -150,14 +150,10 @@ def _free_ends(w: Floats, count: int, at_start: bool, at_end: bool) -> None:  # 
         free_end_tangent(w, 1, 2, 3, alone)
         for base in (TURN_X, TURN_Y, TURN_Z):
             w[base + 1], w[base + 2] = 0.0, 0.0
-        if count >= 4:
-            end_curvature(w, 2, 1, 1)
     if at_end:
         free_end_tangent(w, count + 1, count + 1, count, alone)
         for base in (TURN_X, TURN_Y, TURN_Z):
             w[base + count + 1], w[base + count] = 0.0, 0.0
-        if count >= 4:
-            end_curvature(w, count, -1, 1)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -190,6 +186,7 @@ def fit_block(
             mirrored_tangent(w, count + 1, count + 1, count)
     speed_handles(w, count)
     if matched:
+        quintic_bulges(w, count)
         matched_handles(w, count)
 
 
@@ -270,11 +267,13 @@ def fit_contour(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _finish(net: Floats, knots: Floats, chords: int, is_corner: Mask, matched: bool) -> tuple[int, int]:  # pragma: no cover
+def _finish(
+    net: Floats, knots: Floats, chords: int, is_corner: Mask, keeps_joints: bool
+) -> tuple[int, int]:  # pragma: no cover - compiled
     """Knots (paper Eqs. 9, 11) and, for equal speed, control points (Eq. 10) in place; returns how many of each.
 
-    Where the way on is C1 (equal speed) the joint is no control point and its knot is double; elsewhere it is one and
-    triple.
+    Unless all joints are kept, one where the way on is C1 (equal speed) is no control point and its knot is double;
+    elsewhere it is one and triple.
     net : (3S+1, d) float, mm   The last point is given.   knots : (3S+5,) float   Widths in knots[1::3].
     """
     whole, reached, row, knot = 0.0, 0.0, 0, 1
@@ -286,12 +285,12 @@ def _finish(net: Floats, knots: Floats, chords: int, is_corner: Mask, matched: b
         width, at = knots[3 * c + 1], reached * share
         knots[knot], knots[knot + 1] = at, at
         knot += 2
-        if c == 0 or matched or is_corner[c]:
+        if c == 0 or keeps_joints or is_corner[c]:
             knots[knot] = at
             knot += 1
         reached += width
     knots[knot : knot + 4] = 1.0
-    if matched:
+    if keeps_joints:
         return 3 * chords + 1, knot + 4
     for c in range(chords):
         first = 3 * c if c == 0 or is_corner[c] else 3 * c + 1
@@ -306,9 +305,12 @@ def _finish(net: Floats, knots: Floats, chords: int, is_corner: Mask, matched: b
 @njit(cache=True, error_model="numpy", nogil=True)
 def fit_all(
     points: Floats, offsets: Indices, closed: Mask, corners: Mask, tangents: Floats, curvatures: Floats, matched: bool,
-    net: Floats, knots: Floats, sizes: Indices,
+    keeps_joints: bool, net: Floats, knots: Floats, sizes: Indices,
 ) -> tuple[int, int]:  # pragma: no cover - compiled  # fmt: skip
-    """All curves of a table; returns (-1, 0), or the first contour that makes none and its points (-1 - i: see below).
+    """All curves of a table; returns (-1, 0), or the first contour that makes none and how many distinct points it
+    has (-1 - i if its point i is not finite).
+
+    keeps_joints : whether smooth joints stay control points (always where handles are not of equal speed)
 
     net : (3N+k, d), knots : (3N+5k,), sizes : (k, 2) int   Written one contour after the other.
     """
@@ -328,7 +330,7 @@ def fit_all(
             w, points, kept, is_corner, total, closed[i], tangents, curvatures, matched, mine, my_knots[1:], rows
         )
         mine[3 * chords] = points[kept[chords % total]]
-        rows_used, knots_used = _finish(mine, my_knots, chords, is_corner, matched)
+        rows_used, knots_used = _finish(mine, my_knots, chords, is_corner, keeps_joints)
         sizes[i, 0], sizes[i, 1] = rows_used, knots_used
         row, knot = row + rows_used, knot + knots_used
     return -1, 0

@@ -10,6 +10,7 @@ from planner.nurbs.tangents import (
     BEND_X,
     BEND_Y,
     BEND_Z,
+    BULGE,
     CHORD_X,
     CHORD_Y,
     CHORD_Z,
@@ -17,7 +18,6 @@ from planner.nurbs.tangents import (
     HANDLE_END,
     HANDLE_START,
     LENGTH,
-    RATING,
     TANGENT_X,
     TANGENT_Y,
     TANGENT_Z,
@@ -30,8 +30,11 @@ Floats = NDArray[np.float64]
 
 _NEWTON_STEPS = 3
 _CONVERGED = 1e-8  # share of the chord
-_HANDLE_LOW, _HANDLE_HIGH = 0.15, 0.7  # share of the chord outside which a handle is of another branch of the solution
+_HANDLE_LOW, _HANDLE_HIGH = 0.2, 0.55  # share of the chord outside which a handle is of another branch of the solution
 _SMOOTH_CHANGE = 0.5  # largest share by which curvature may differ between the ends of a piece for both to be matched
+_EVEN = 0.65  # a chord that much shorter than its neighbour makes tangents and quintic doubtful
+_CLEARLY = 0.9  # share of equal speed's distance from the quintic that a middle may have
+_USUAL = 0.05  # ten times the error of equal speed on a circle, 0.021 (k h)² of its bulge, where k = |b| / 2
 _TINY = 1e-300
 
 
@@ -114,35 +117,52 @@ def five_point_curvatures(w: Floats, count: int) -> None:  # pragma: no cover - 
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def end_curvature(w: Floats, joint: int, step: int, place: int) -> None:  # pragma: no cover - compiled
-    """TURN_* beside a free end, from the five points nearest to it (one-sided).
+def quintic_bulges(w: Floats, count: int) -> None:  # pragma: no cover - compiled
+    """BULGE = (a x middle)·b / |a| of the quintic through six points, for the chords a = 2 ... count + 1 of a block.
 
-    joint : where it is wanted   step : 1 at the start of a run, -1 at its end
-    place : 0 at the free end itself, 1 at the next point
+    w, count : as `tangents.measure_chords`   b : the curvature binormals TURN_* of both ends, added.
+    The quintic is over arc length, which each chord tells to fourth order with that curvature; middle is where half
+    of the chord's arc length is reached, from the chord's own middle.
     """
-    first = joint + step * (1 - place)  # the joint of the circle through the first three points
-    chord = first if step > 0 else first + 1
-    a, b = w[LENGTH + chord], w[LENGTH + chord + step]
-    c, d = w[LENGTH + chord + 2 * step], w[LENGTH + chord + 3 * step]
-    bx, by, bz = w[BEND_X + first], w[BEND_Y + first], w[BEND_Z + first]
-    bend = (bx * bx + by * by + bz * bz) / 24.0
-    a, b, c, d = a + a * bend * a * a, b + b * bend * b * b, c + c * bend * c * c, d + d * bend * d * d
-    origin = a if place == 1 else 0.0
-    near, middle, far = _quadratic_weights(-origin, a - origin, a + b - origin, a + b + c - origin, a + b + c + d - origin)
-    for axis in range(3):
-        row = BEND_X + axis * (BEND_Y - BEND_X) + first
-        w[TURN_X + axis * (TURN_Y - TURN_X) + joint] = near * w[row] + middle * w[row + step] + far * w[row + 2 * step]
+    for j in range(count):
+        a, b, c, d, e = w[LENGTH + j], w[LENGTH + j + 1], w[LENGTH + j + 2], w[LENGTH + j + 3], w[LENGTH + j + 4]
+        nx, ny, nz = (
+            w[TURN_X + j + 1] + w[TURN_X + j + 2],
+            w[TURN_Y + j + 1] + w[TURN_Y + j + 2],
+            w[TURN_Z + j + 1] + w[TURN_Z + j + 2],
+        )
+        bend = (nx * nx + ny * ny + nz * nz) / 96.0
+        ax, ay, az = w[CHORD_X + j + 2], w[CHORD_Y + j + 2], w[CHORD_Z + j + 2]
+        px, py, pz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+        y1 = -(w[CHORD_X + j + 1] * px + w[CHORD_Y + j + 1] * py + w[CHORD_Z + j + 1] * pz)
+        y0 = y1 - (w[CHORD_X + j] * px + w[CHORD_Y + j] * py + w[CHORD_Z + j] * pz)
+        y4 = w[CHORD_X + j + 3] * px + w[CHORD_Y + j + 3] * py + w[CHORD_Z + j + 3] * pz
+        y5 = y4 + w[CHORD_X + j + 4] * px + w[CHORD_Y + j + 4] * py + w[CHORD_Z + j + 4] * pz
+        h = 0.5 * (c + bend * (c * c * c))
+        x1, x4 = -h - (b + bend * (b * b * b)), h + (d + bend * (d * d * d))
+        x0, x5 = x1 - (a + bend * (a * a * a)), x4 + (e + bend * (e * e * e))
+        g = h * h
+        x14, x05, x01, x45 = x1 * x4, x0 * x5, x0 - x1, x4 - x5
+        x04, x15 = x0 - x4, x1 - x5
+        far0 = x14 * x5 / ((x0 * x0 - g) * x01 * x04 * (x0 - x5))
+        far1 = x05 * x4 / ((g - x1 * x1) * x01 * (x1 - x4) * x15)
+        far4 = x05 * x1 / ((x4 * x4 - g) * x04 * (x1 - x4) * x45)
+        far5 = x14 * x0 / ((g - x5 * x5) * (x0 - x5) * x15 * x45)
+        w[BULGE + j + 2] = -g * (y0 * far0 + y1 * far1 + y4 * far4 + y5 * far5) / c
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compiled
     """Handle lengths of the chords 2 ... count + 1 that reproduce TURN_* at both ends; elsewhere they stay as they are.
 
-    w, count : as `tangents.measure_chords`, after `speed_handles`.
+    w, count : as `tangents.measure_chords`, after `speed_handles` and `quintic_bulges`.
     With a = P3 - P0, P1 = P0 + d0 T0, P2 = P3 - d1 T3:
     1.5 k0 d0² = T0 x a - d1 (T0 x T3), 1.5 k1 d1² = a x T3 - d0 (T0 x T3), Newton from the even handles d0 = d1 that
-    solve their sum. Their difference is nearly singular: where Newton finds no small root, or curvature changes fast,
-    the even ones stand. All cross products are taken along the sum of both ends' binormals.
+    solve their sum. Their difference is nearly singular: where Newton finds no small root the even ones stand.
+    A piece takes either only where its middle then lies nearer to the quintic through six points of the data,
+    or within ten times the error that equal speed makes on a circle, or where both curvatures are given; otherwise
+    (uneven points, inflections, curvature that jumps, coarse or noisy points) it keeps equal speed. All cross products
+    are taken along the sum of both ends' binormals.
     Source: de Boor, Höllig, Sabin, High accuracy geometric Hermite interpolation, CAGD 4 (1987).
     """
     for j in range(count):
@@ -170,12 +190,18 @@ def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compil
             step1 = (second * a - first * both) * scale
             d0, d1 = d0 - step0, d1 - step1
             change = max(abs(step0), abs(step1))
-        curved = (k0 > 0.0) & (k1 > 0.0)
-        fair = curved & (even > _HANDLE_LOW) & (even < _HANDLE_HIGH)
-        lower, upper = min(d0, d1), max(d0, d1)
-        good = curved & (change <= _CONVERGED) & (lower > _HANDLE_LOW) & (upper < _HANDLE_HIGH)
-        good &= abs(k0 - k1) <= _SMOOTH_CHANGE * max(k0, k1)
-        d0 = d0 if good else even
-        d1 = d1 if good else even
-        w[HANDLE_START + j + 2] = d0 * length if good | fair else w[HANDLE_START + j + 2]
-        w[HANDLE_END + j + 2] = d1 * length if good | fair else w[HANDLE_END + j + 2]
+        goal, speed = w[BULGE + j + 2], w[HANDLE_START + j + 2] / length
+        bulge = 0.375 * speed * cross
+        usual = _USUAL * length * length * (bx * bx + by * by + bz * bz) * abs(bulge)
+        before, after = w[LENGTH + j + 1], w[LENGTH + j + 3]
+        told = (w[GIVEN + j + 1] >= 2.0) & (w[GIVEN + j + 2] >= 2.0)
+        limit = np.inf if told else max(_CLEARLY * abs(bulge - goal), usual)
+        similar = (k0 > 0.0) & (k1 > 0.0) & (abs(k0 - k1) <= _SMOOTH_CHANGE * max(k0, k1))
+        similar &= told | (min(min(before, after), length) >= _EVEN * max(max(before, after), length))
+        fair = similar & (even > _HANDLE_LOW) & (even < _HANDLE_HIGH) & (abs(0.375 * even * cross - goal) < limit)
+        good = similar & (change <= _CONVERGED) & (min(d0, d1) > _HANDLE_LOW) & (max(d0, d1) < _HANDLE_HIGH)
+        good &= abs(0.375 * (d0 * cross0 + d1 * cross1) - goal) < limit
+        d0 = d0 if good else (even if fair else speed)
+        d1 = d1 if good else (even if fair else speed)
+        w[HANDLE_START + j + 2] = d0 * length
+        w[HANDLE_END + j + 2] = d1 * length

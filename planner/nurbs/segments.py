@@ -123,3 +123,13 @@ def _sided(values: Sequence[ArrayLike | None] | None, offsets: Indices, corners:
         else:
             raise FitError(f"contour {index} has points {(int(high - low), dim)} but {name} {array.shape}")
     return table
+
+
+def refusal(table: ContourTable, contour: int, found: int) -> FitError:
+    """Why a contour makes no curve: `found` distinct points, or -1 - i where its point i is not finite."""
+    if found < 0:
+        return FitError(f"contour {contour}: point {-1 - found} is not finite", "check the mesh for NaN")
+    kind, least = ("closed", 3) if table.closed[contour] else ("open", 2)
+    return FitError(
+        f"contour {contour} has {found} distinct points; {kind} ones need {least}", "drop it or slice elsewhere"
+    )

@@ -18,7 +18,7 @@ ROW = 128  # slots of one quantity: the whole table stays in the first-level cac
 FIRST = 2  # slot of the first chord of the stretch
 LONGEST = ROW - 8  # chords of one block, four more where a run ends soon after
 
-HANDLE_START, HANDLE_END, RATING = 0, ROW, 2 * ROW
+HANDLE_START, HANDLE_END, BULGE = 0, ROW, 2 * ROW
 TURN_X, TURN_Y, TURN_Z, GIVEN = 3 * ROW, 4 * ROW, 5 * ROW, 6 * ROW
 TANGENT_X, TANGENT_Y, TANGENT_Z, CUSP = 7 * ROW, 8 * ROW, 9 * ROW, 10 * ROW
 BEND_X, BEND_Y, BEND_Z, AREA, PRODUCT = 11 * ROW, 12 * ROW, 13 * ROW, 14 * ROW, 15 * ROW

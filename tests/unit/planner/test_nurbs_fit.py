@@ -244,3 +244,51 @@ def test_dropping_collinear_points_never_leaves_the_tolerance() -> None:
 def test_dropping_collinear_points_keeps_a_spike() -> None:
     kept, _ = drop_collinear([[0, 0], [5, 0], [10, 0], [4, 0], [4, 4]], 1e-6, closed=False)
     np.testing.assert_array_equal(kept, [[0, 0], [10, 0], [4, 0], [4, 4]])
+
+
+def test_arcs_and_lines_become_exact_and_meet_smoothly() -> None:
+    quarter = np.linspace(0.0, 0.5 * np.pi, 9)
+    rounded = np.vstack(
+        [
+            np.column_stack([x + 5.0 * np.cos(quarter + turn), y + 5.0 * np.sin(quarter + turn)])
+            for x, y, turn in ((20, 10, 0), (-20, 10, 0.5 * np.pi), (-20, -10, np.pi), (20, -10, 1.5 * np.pi))
+        ]
+    )
+    curve = interpolate(rounded, closed=True, arc_tolerance_mm=1e-6)
+    beyond = np.abs(curve.evaluate(FINE)) - [20.0, 10.0]
+    away = np.hypot(*np.maximum(beyond, 0.0).T) + np.minimum(beyond.max(axis=1), 0.0) - 5.0
+    assert len(curve.control_points) == 25 and np.abs(away).max() <= 1e-12
+    before, after = (curve.derivatives(curve.breaks[1:-1], 1, side=s)[1] for s in ("left", "right"))
+    turning = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    assert np.abs(turning).max() <= 1e-12 * np.einsum("ij,ij->i", before, after).max()
+
+
+def test_a_full_circle_in_a_tilted_plane_becomes_four_exact_arcs() -> None:
+    x, y = circle_points(23.0, 100).T
+    curve = interpolate(np.column_stack([x, 0.6 * y, 0.8 * y]), closed=True, arc_tolerance_mm=1e-7)
+    assert len(curve.control_points) == 13
+    assert np.abs(np.linalg.norm(curve.evaluate(FINE), axis=1) - 23.0).max() <= 1e-12
+
+
+def test_neither_a_square_nor_a_polygon_of_creases_nor_an_ellipse_is_taken_for_arcs() -> None:
+    for points, corners in ((circle_points(5.0, 4), None), (circle_points(5.0, 12), np.ones(12, dtype=bool))):
+        assert interpolate(points, closed=True, corners=corners, arc_tolerance_mm=1e-3).weights is None
+    assert interpolate(ellipse_points(100), closed=True, arc_tolerance_mm=1e-6).weights is None
+
+
+def test_known_curvatures_are_taken() -> None:
+    t = np.array([0.0, 0.9, 1.5, 2.6, 3.5, 4.4, 5.4])
+    points, tangents = np.column_stack([np.cos(t), np.sin(t)]), np.column_stack([-np.sin(t), np.cos(t)])
+    told = interpolate(points, closed=True, tangents=tangents, curvatures=-points)
+    assert from_circle(told, 1.0) <= 5e-4 < from_circle(interpolate(points, closed=True, tangents=tangents), 1.0)
+
+
+def test_one_sided_tangents_are_taken_at_corners() -> None:
+    t = np.linspace(0.0, np.pi, 5)
+    points = np.column_stack([np.cos(t), np.sin(t)])
+    sided = np.full((5, 2, 2), np.nan)
+    sided[0, 1], sided[4, 0] = (0.0, 1.0), (0.0, -1.0)
+    curve = interpolate(points, closed=True, corners=[0, 4], tangents=sided)
+    above = curve.evaluate(FINE)
+    above = above[above[:, 1] > 1e-9]
+    assert np.abs(np.linalg.norm(above, axis=1) - 1.0).max() <= 1.5e-3
