@@ -44,7 +44,8 @@ class Contour:
     is_hole, parent : nesting; parent is the index of the enclosing contour in the same list, -1 for an outermost one
     deviation_mm : measured maximum distance between the curve and the STL section, both ways
     smooth_deviation_mm : measured maximum distance of the curve, between its nodes too, from the smooth surface that the
-        facets stand for (curved PN triangles over them), in the section's plane; NaN where the contour follows facets
+        facets stand for (curved PN triangles over them), in the section's plane; of a union of sections an upper bound;
+        NaN where the contour follows facets
     """
 
     curve: Curve
