@@ -55,7 +55,10 @@ def close_holes(mesh: Mesh) -> tuple[Mesh, list[Finding]]:
     _refuse_wide(mesh, rims, patches)
     added = np.vstack(patches)
     closed = Mesh(mesh.vertices, np.vstack([mesh.facets, added]))
-    share = float(closed.areas[len(mesh.facets) :].sum() / closed.areas.sum())
+    surface_mm2 = float(closed.areas.sum())
+    if surface_mm2 <= 0.0:
+        raise MeshError(f"all {len(mesh.facets)} facets are degenerate: none has an area", "export a solid")
+    share = float(closed.areas[len(mesh.facets) :].sum()) / surface_mm2
     place = mesh.vertices[rims[0]].mean(axis=0)
     if share > MAX_PATCH_FRACTION:
         raise MeshError(

@@ -29,6 +29,7 @@ FOUND = {  # inputs that once raised something else or ended the process, cut do
         b"element face 4\nproperty list uchar int vertex_indices\nend_header\n"
         b"0 0 0\n10 0 0\n0 10 0\n0 0 10\n3 0 0 3 2\n",
     ),
+    "facets without area": (".obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
     "a vertex of one number": (
         ".stl",
         b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 5\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n",
