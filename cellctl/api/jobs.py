@@ -18,6 +18,7 @@ from cellctl.api.runs import TABLE_NOT_CLEAR
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
 from cellctl.domain.jobs import ON_CELL, JobState
 from cellctl.faults import one_line
+from cellctl.planning.view import layers_written
 from cellctl.store import audit, idempotency, jobs, parts
 from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
@@ -35,6 +36,9 @@ def document(service: Service, row: JobRow) -> Job:
     at = service.queue.progress.get(row.id)
     progress = at.fraction if at else (row.lines_executed / row.lines_total if row.lines_total else 0.0)
     fields = {name: getattr(row, name) for name in Job.model_fields if hasattr(row, name)}
+    drawing = service.queue.drawing(row.id)
+    if drawing is not None:
+        fields["layers"] = layers_written(drawing)
     return Job(
         **{
             **fields,

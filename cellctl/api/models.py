@@ -78,7 +78,7 @@ class Job(BaseModel):
     )
     stage: str
     progress: float
-    layers: int
+    layers: int = Field(description="of the plan; while it is being made, those that can be looked at already")
     lines_executed: int
     lines_total: int
     duration_s: float

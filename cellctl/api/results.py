@@ -106,6 +106,19 @@ def _file(path: Path, media_type: str, filename: str | None = None) -> FileRespo
     return FileResponse(path, media_type=media_type, filename=filename)
 
 
+def _drawn(folder: Path, job: JobRow, layer: int) -> Response:
+    """A layer of a plan that is being made: read at once, since the folder moves when the plan is done. Raises ApiError 404."""
+    try:
+        return Response((folder / layer_file(layer)).read_bytes(), media_type=JSON_FILE)
+    except FileNotFoundError:
+        raise ApiError(
+            404,
+            "Not there yet",
+            f"layer {layer} of {job.name} is not planned yet",
+            "ask again, or watch the job's layers",
+        ) from None
+
+
 @router.get("/plan", response_model=PlanOverview)
 def get_plan(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     """The plan's layers and operations."""
@@ -115,8 +128,10 @@ def get_plan(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
 
 @router.get("/plan/layers/{layer}", response_model=LayerView)
 def get_layer(_person: Viewer, service: ServiceOf, job_id: str, layer: int) -> Response:
-    """One layer's passes as polylines."""
+    """One layer's passes as polylines; while the part is being planned, of each layer that is ready."""
     job = _job(service, job_id)
+    if job.plan_sha256 is None and (drawing := service.queue.drawing(job_id)) is not None:
+        return _drawn(drawing, job, layer)
     if not 0 <= layer < job.layers:
         raise ApiError(404, "Not found", f"{job.name} has no layer {layer}", f"layers are 0 to {job.layers - 1}")
     return _file(service.store.blobs.view(_made(job, job.plan_sha256, "plan")) / layer_file(layer), JSON_FILE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +30,16 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class JobWork:
-    """Work on jobs of one cell. cell_file : where the workers read the same cell"""
+    """Work on jobs of one cell. cell_file : where the workers read the same cell
+
+    drawings : by job, the folder into which the layers of the plan that is being made are written one by one
+    """
 
     store: Store
     workers: Workers
     cell: Cell
     cell_file: Path
+    drawings: dict[str, Path] = field(default_factory=dict)
 
     async def take_through(self, job: JobRow, report: Report) -> None:
         """From submitted to waiting for approval. Raises WorkerError, WrongJobStateError (cancelled meanwhile)."""
@@ -125,8 +129,12 @@ class JobWork:
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
                 task = self._task(part, folder, "plan", recipe_toml=job.recipe_toml, stock=stock)
-                summary = await self.workers.run(task, report)
-                return await asyncio.to_thread(self._keep_plan, folder, summary)
+                self.drawings[job.id] = folder / VIEW_FOLDER
+                try:
+                    summary = await self.workers.run(task, report)
+                    return await asyncio.to_thread(self._keep_plan, folder, summary)
+                finally:
+                    del self.drawings[job.id]
 
         return await self._make("plan", key, self.store.blobs.plan, make)
 

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import structlog
 
@@ -48,6 +49,10 @@ class PlanningQueue:
     def wake(self) -> None:
         """Look for submitted jobs now."""
         self._wake.set()
+
+    def drawing(self, job_id: str) -> Path | None:
+        """Where the layers of a job that is being planned are written as they become ready; None for any other job."""
+        return self._work.drawings.get(job_id)
 
     def cancel(self, job_id: str) -> None:
         """End the worker of a job, if it has one."""

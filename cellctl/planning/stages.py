@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,8 +67,8 @@ def check_room(mesh: Mesh, recipe: Recipe, cell_file: str) -> None:
 
 
 def plan(task: Task, report: Report) -> dict[str, Any]:
-    """Plan the part; writes plan.h5. Raises PlannerError, ConfigError."""
-    from cellctl.planning.view import write_views
+    """Plan the part; writes each layer's view as soon as it is ready, then plan.h5. Raises PlannerError, ConfigError."""
+    from cellctl.planning.view import write_layer, write_overview
     from planner.files import write_plan
     from planner.mesh import load_checked
     from planner.pipeline import plan as make_plan
@@ -76,10 +77,18 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
     recipe = recipe_of(task)
     if task.cell:
         check_room(loaded.mesh, recipe, task.cell)
-    made = make_plan(loaded, recipe, part_name=task.part_name, progress=report)
+    views = Path(task.folder) / VIEW_FOLDER
+    views.mkdir()
+    number = count()
+    made = make_plan(
+        loaded,
+        recipe,
+        part_name=task.part_name,
+        progress=report,
+        on_layer=lambda layer: write_layer(layer, next(number), views),
+    )
     write_plan(made, Path(task.folder) / PLAN_FILE)
-    report("drawing", 1.0)
-    write_views(made, Path(task.folder) / VIEW_FOLDER)
+    write_overview(made, views)
     return {"layers": len(made.layers), "findings": list(made.findings), "volumes_mm3": dict(made.volumes_mm3)}
 
 

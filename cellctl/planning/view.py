@@ -85,9 +85,18 @@ def layer_view(layer: Layer) -> dict[str, Any]:
     return {**_heights(layer), "operations": operations}
 
 
-def write_views(plan: Plan, folder: Path) -> None:
-    """Write the overview and every layer into a new folder."""
-    folder.mkdir()
+def write_layer(layer: Layer, number: int, folder: Path) -> None:
+    """Write one layer's document into the folder; it is there whole or not at all. number : its place in the plan"""
+    unfinished = folder / f"{layer_file(number)}.part"
+    unfinished.write_bytes(msgspec.json.encode(layer_view(layer)))
+    unfinished.rename(folder / layer_file(number))
+
+
+def write_overview(plan: Plan, folder: Path) -> None:
+    """Write the overview beside the layers."""
     (folder / OVERVIEW).write_bytes(msgspec.json.encode(overview(plan)))
-    for number, layer in enumerate(plan.layers):
-        (folder / layer_file(number)).write_bytes(msgspec.json.encode(layer_view(layer)))
+
+
+def layers_written(folder: Path) -> int:
+    """How many layers' documents the folder holds, 0 if it is not there (yet or any more)."""
+    return sum(1 for _ in folder.glob("layer_*.json"))
