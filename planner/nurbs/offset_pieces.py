@@ -17,7 +17,7 @@ _WIDEST = 1.75  # rad that one piece may turn
 _ARC_SHARE = 0.1  # of the tolerance: what passes as an arc is an arc
 _ARC_RAD = 2e-3  # by which an arc's end tangents may miss the offset's
 _LEAST_MM = 1e-4  # shorter pieces are not divided
-_DEPTH = 40
+_DEPTH = 16  # halvings of a stretch; one that needs more runs back on itself and is none
 _NEWTON_STEPS = 20
 
 
@@ -205,7 +205,9 @@ def fit_stretch(
             _probe(table, is_corner, begin, low, count, at, ends[depth - 1], left, rows)
             fits = _one_piece(rows, tolerance, arcs, nets[found])
             short = np.hypot(rows[-1, 0] - rows[0, 0], rows[-1, 1] - rows[0, 1]) < _LEAST_MM and _turning(rows) < _WIDEST
-            if not fits and not short and depth <= _DEPTH:
+            if not fits and not short:
+                if depth > _DEPTH:
+                    return nets[:found], False
                 ends[depth] = 0.5 * (at + ends[depth - 1])
                 depth += 1
                 continue
