@@ -130,3 +130,24 @@ def test_two_walls_that_lean_into_each_other_meet_where_they_must():
     assert contact is not None and {contact.first, contact.second} == {0, 1}
     assert contact.share == pytest.approx((6.0 - 2.0) / (6.0 - 1.0), abs=2e-3)
     assert first_contact([leaning(-3.0, -1.2), leaning(3.0, 1.2)], np.eye(3)[:2]) is None
+
+
+def test_layers_of_a_bend_between_planes_that_turn_follow_it_without_twist():
+    whole = trimesh.creation.torus(20.0, 6.0, major_sections=128, minor_sections=64)
+    quarter = trimesh.boolean.intersection(
+        [whole, trimesh.creation.box(bounds=[(0.0, 0.0, -10.0), (40.0, 40.0, 10.0)])], engine="manifold"
+    )
+    body = Mesh.from_trimesh(quarter)
+
+    def across(angle: float) -> np.ndarray:
+        return np.array([0.0, 0.0, 0.0, -np.sin(angle), np.cos(angle), 0.0])
+
+    low, high = 0.4, 0.6
+    walls = walls_between(body, across(low), across(high))
+    assert [group.kind for group in walls.matching.groups] == ["one_to_one"]
+    assert not walls.notes
+    chord = 26.0 * (1.0 - np.cos(0.5 * (high - low)))
+    assert wall_deviation(walls, body).max_mm == pytest.approx(chord, rel=0.25)
+    rulings = walls.walls[0].surface.rulings(U)
+    tangent = np.array([-np.sin(0.5), np.cos(0.5), 0.0])
+    assert (rulings @ tangent).min() > np.cos(0.01)
