@@ -11,7 +11,7 @@ from planner.plan import Contour, Layer, Operation, Wall
 from planner.recipe import Recipe
 from planner.slicing.contours import ContourStyle, layer_contours_many
 from planner.slicing.regions import LayerRegion
-from planner.slicing.walls import ruled_walls
+from planner.slicing.walls import ruled_walls_many
 
 LOT = 8
 """Layers whose contours are fitted together: enough to share the fixed cost of a fit, few enough to be waited for."""
@@ -53,22 +53,29 @@ class Handout:
     def _hand_out(self) -> None:
         regions = [region for region, _ in self.waiting]
         outlines = layer_contours_many(regions, self.part, self.style)
+        leaning = [region for region in regions if not region.is_upright]
+        ruled = ruled_walls_many([(region.bottom, region.top) for region in leaning], self.part, self.style)
+        walls_of = {region.index: walls for region, walls in zip(leaning, ruled, strict=True)}
         for (region, operations), contours in zip(self.waiting, outlines, strict=True):
-            layer = layer_of(region, self.part, contours, operations)
+            walls = walls_of[region.index] if region.index in walls_of else upright_walls(region, contours)
+            layer = layer_of(region, contours, walls, operations)
             self.layers.append(layer)
             if self.on_layer is not None:
                 self.on_layer(layer)
         self.waiting = []
 
 
-def layer_of(region: LayerRegion, part: Mesh, contours: tuple[Contour, ...], operations: Iterable[Operation]) -> Layer:
+def upright_walls(region: LayerRegion, contours: Iterable[Contour]) -> tuple[Wall, ...]:
+    """The walls of a layer along the build direction: its contours, and the same raised to its top."""
+    raised = np.eye(4)
+    raised[2, 3] = region.height_mm
+    return tuple(Wall(contour.curve, contour.curve.transformed(raised)) for contour in contours)
+
+
+def layer_of(
+    region: LayerRegion, contours: tuple[Contour, ...], walls: tuple[Wall, ...], operations: Iterable[Operation]
+) -> Layer:
     """The Layer of the Plan: planes, contours, walls, areas and what is done to it."""
-    if region.is_upright:
-        raised = np.eye(4)
-        raised[2, 3] = region.height_mm
-        walls = tuple(Wall(contour.curve, contour.curve.transformed(raised)) for contour in contours)
-    else:
-        walls = ruled_walls(region.bottom, region.top, part)
     return Layer(
         index=region.index,
         bottom=np.array([0.0, 0.0, region.z_bottom, 0.0, 0.0, 1.0]),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
-from planner.matching import layer_walls
-from planner.matching.layer import SURFACE_STYLE
+from planner.matching.layer import SURFACE_STYLE, stack_walls
 from planner.matching.twist import has_fans, largest_twist
 from planner.mesh.mesh import Mesh
 from planner.nurbs.ruled import RuledSurface
@@ -29,12 +30,19 @@ def ruled_walls(bottom: Section, top: Section, mesh: Mesh, style: ContourStyle =
     which a corner faces a run of the other contour has no one ruling there: then too there are none.
     Source: paper Eq. 19, §V.
     """
-    if not bottom.loops or len(bottom.loops) != len(top.loops):
-        return ()
-    found = layer_walls(mesh, bottom, top, style=style)
-    if found.notes or any(wall.how == "swept" or has_fans(wall.surface) for wall in found.walls):
-        return ()
-    return tuple(Wall(wall.surface.curve0, wall.surface.curve1) for wall in found.walls)
+    return ruled_walls_many([(bottom, top)], mesh, style)[0]
+
+
+def ruled_walls_many(
+    layers: Sequence[tuple[Section, Section]], mesh: Mesh, style: ContourStyle = SURFACE_STYLE
+) -> list[tuple[Wall, ...]]:
+    """`ruled_walls` of many layers, each a bottom and a top section; all contours are fitted in one pass."""
+    fitting = [k for k, (bottom, top) in enumerate(layers) if bottom.loops and len(bottom.loops) == len(top.loops)]
+    walls: list[tuple[Wall, ...]] = [()] * len(layers)
+    for k, found in zip(fitting, stack_walls(mesh, [layers[k] for k in fitting], style=style), strict=True):
+        if not found.notes and not any(wall.how == "swept" or has_fans(wall.surface) for wall in found.walls):
+            walls[k] = tuple(Wall(wall.surface.curve0, wall.surface.curve1) for wall in found.walls)
+    return walls
 
 
 def wall_twist(wall: Wall) -> float:
