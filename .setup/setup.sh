@@ -13,6 +13,7 @@ LOCK_STAMP=$VENV/.lock.sha256
 PROJECT_STAMP=$VENV/.project.sha256
 BENCH_LOCK=.setup/bench.txt
 BENCH_STAMP=$VENV/.bench.sha256
+KERNEL_STAMP=$VENV/.kernels.sha256
 
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$*" >&2; exit 1; }
@@ -101,11 +102,20 @@ install_bench() {
     [ -z "$missing" ] || say "could not be had here:$missing (log in $LOG); the rows of these peers will say so"
 }
 
+# A compiled kernel that was kept does not notice that a kernel it calls, in another file, has changed.
+forget_stale_kernels() {
+    local wanted; wanted=$(grep -rl --include='*.py' njit planner sim | LC_ALL=C sort | { files=$(cat); hash_of $files; })
+    [ "$(cat "$KERNEL_STAMP" 2>/dev/null)" = "$wanted" ] && return
+    find planner sim -path '*/__pycache__/*' \( -name '*.nbi' -o -name '*.nbc' \) -delete
+    printf '%s\n' "$wanted" >"$KERNEL_STAMP"
+}
+
 # One set-up at a time in a checkout: the second waits and then finds everything done.
 exec 9<"$LOCK"
 if command -v flock >/dev/null 2>&1; then flock 9; fi
 install_lock
 install_project
+forget_stale_kernels
 if [ "${1:-}" = bench ]; then install_bench; fi
 said=$("$VENV/bin/python" cellctl/console/build.py) || exit 1
 case $said in *"up to date"* | *"nothing to build"*) ;; *) printf '%s\n' "$said" ;; esac
