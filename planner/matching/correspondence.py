@@ -13,12 +13,12 @@ Floats = NDArray[np.float64]
 _SAMPLES = 160  # on the whole contour for the search
 _FINE = 3  # times as many for the refinement, which finds places between samples
 _LONGEST_STEP = 4  # samples on the top contour that one step on the bottom contour may cover in the search
-_STRETCH = 1e-3  # rad²: what uneven progress costs against a difference of directions
-_SAGS = (0.0, 1.0, 4.0)
+_STRETCH = 4e-3  # rad²: what uneven progress costs against a difference of directions
+_SAGS = (0.0, 0.3, 1.0, 4.0)
 """rad: what a ruling that leaves the surface by an eighth of the layer's thickness costs. 0 gives developable walls and
 is kept where it does; else the one whose rulings sag least."""
 _DEVELOPABLE = float(np.radians(5.0))  # largest turn between the ends of a ruling up to which no other is tried
-_WORTH = 0.8  # of the sag: another matching must be better by this factor
+_WORTH = 0.95  # of the sag: another matching must be better by this factor
 _APART = 1.0  # rad²: what a distance of the contour's whole length costs in the search
 _ROUNDS = 10
 
