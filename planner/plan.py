@@ -57,10 +57,14 @@ class Contour:
 
 @dataclass(frozen=True)
 class Wall:
-    """Ruled side surface between a bottom and a top contour (paper Eq. 19): two curves on one parameter."""
+    """Ruled side surface between a bottom and a top contour (paper Eq. 19): two curves on one parameter.
+
+    twist_rad : largest angle between the surface's normals at both ends of a ruling; 0 for a developable wall
+    """
 
     bottom: Curve
     top: Curve
+    twist_rad: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ UNITS = {
     "layers/areas": "overlap, overhang: mm^2",
     "operations/numbers": "cutter diameter mm, spindle 1/min, interpass s, bead width mm, bead height mm",
     "passes/setpoints": "arc length mm, feed mm/s, laser W, powder g/min, shield gas L/min",
+    "walls/twist": "rad",
     "plan/bounds": "mm",
     "plan/build_from_part": "mm, 1",
 }
@@ -94,6 +95,7 @@ _ROWS: dict[str, tuple[str, tuple[int, ...]]] = {
     "contours/deviation": ("<f8", ()),
     "contours/smooth_deviation": ("<f8", ()),
     "walls/curves": ("<i4", (2,)),
+    "walls/twist": ("<f8", ()),
     "operations/process": ("u1", ()),
     "operations/layer": ("<i4", ()),
     "operations/numbers": ("<f8", (5,)),
@@ -120,6 +122,7 @@ def _add_layer(layer: Layer, curves: _Curves, rows: dict[str, list[Any]]) -> Non
         )
     for wall in layer.walls:
         rows["walls/curves"].append((curves.add(wall.bottom), curves.add(wall.top)))
+        rows["walls/twist"].append(wall.twist_rad)
     for operation in layer.operations:
         rows["operations/process"].append(PROCESSES.index(operation.process))
         rows["operations/layer"].append(operation.layer)
@@ -199,14 +202,18 @@ def layer_from(read: Read, number: int, notes: list[str]) -> Layer:
             *(read(f"contours/{name}", *_range(read, "layers/contour_offset", number)) for name in _CONTOUR), strict=True
         )
     ]
-    pairs = read("walls/curves", *_range(read, "layers/wall_offset", number))
+    walls = _range(read, "layers/wall_offset", number)
+    pairs, twists = read("walls/curves", *walls), read("walls/twist", *walls)
     areas = read("layers/areas", number, number + 1)[0]
     return Layer(
         index=int(read("layers/index", number, number + 1)[0]),
         bottom=np.array(read("layers/bottom", number, number + 1)[0]),
         top=np.array(read("layers/top", number, number + 1)[0]),
         contours=tuple(contours),
-        walls=tuple(Wall(curves[int(low)], curves[int(high)]) for low, high in pairs),
+        walls=tuple(
+            Wall(curves[int(low)], curves[int(high)], float(twist))
+            for (low, high), twist in zip(pairs, twists, strict=True)
+        ),
         overlap_mm2=float(areas[0]),
         overhang_mm2=float(areas[1]),
         operations=tuple(

@@ -39,6 +39,7 @@ def _layer_figures(layer: Layer) -> dict[str, Any]:
         "z_top_mm": round(float(layer.top[2]), 6),
         "contours": len(layer.contours),
         "walls": len(layer.walls),
+        "twist_deg": round(math.degrees(max((wall.twist_rad for wall in layer.walls), default=0.0)), 4),
         "deviation_mm": round(max((contour.deviation_mm for contour in layer.contours), default=0.0), 6),
         "smooth_deviation_mm": smooth_deviation(layer),
         "overlap_mm2": round(layer.overlap_mm2, 4),

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from planner.matching.layer import SURFACE_STYLE, stack_walls
-from planner.matching.twist import has_fans, largest_twist
+from planner.matching.twist import has_fans
 from planner.mesh.mesh import Mesh
-from planner.nurbs.ruled import RuledSurface
 from planner.plan import Wall
 from planner.slicing.contours import ContourStyle
 from planner.slicing.section import Section
@@ -41,13 +40,10 @@ def ruled_walls_many(
     walls: list[tuple[Wall, ...]] = [()] * len(layers)
     for k, found in zip(fitting, stack_walls(mesh, [layers[k] for k in fitting], style=style), strict=True):
         if not found.notes and not any(wall.how == "swept" or has_fans(wall.surface) for wall in found.walls):
-            walls[k] = tuple(Wall(wall.surface.curve0, wall.surface.curve1) for wall in found.walls)
+            walls[k] = tuple(
+                Wall(wall.surface.curve0, wall.surface.curve1, wall.twist_max_rad) for wall in found.walls
+            )
     return walls
-
-
-def wall_twist(wall: Wall) -> float:
-    """Largest angle between the wall's normals at both ends of a ruling, rad; 0 for walls that a flank can follow exactly."""
-    return largest_twist(RuledSurface(wall.bottom, wall.top))
 
 
 def wall_error(walls: tuple[Wall, ...], area: MultiPolygon, share: float) -> float:
