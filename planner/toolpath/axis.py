@@ -127,16 +127,21 @@ def ends_clear(motions: list[Motion], depth_mm: float, below: Sequence[LayerRegi
 
 
 def _places(wall: Wall, count: int) -> tuple[Floats, Floats]:
-    """Parameters round a wall, (n,), and the bottom's direction there, (n, 3): a corner twice, as it is met and as it is left."""
+    """Parameters round a wall, (n,), and the bottom's direction there, (n, 3): a corner twice, as it is met and as it is left.
+
+    Places at which the bottom stands still, because a speck of the top faces one point of it, are left out.
+    """
     breaks = wall.bottom.breaks
     u = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), breaks]))[:-1]
     ahead = wall.bottom.derivatives(u, 1)[1]
+    moves = np.linalg.norm(ahead, axis=1) > 0.0
+    u, ahead = u[moves], ahead[moves]
     met = np.append(breaks[1:-1], 1.0)
     left = np.append(breaks[1:-1], 0.0)
     before = wall.bottom.derivatives(met, 1, "left")[1]
     after = wall.bottom.derivatives(left, 1)[1]
-    cosine = (before * after).sum(axis=1) / (np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1))
-    is_corner = cosine < _CORNER
+    speeds = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    is_corner = (speeds > 0.0) & ((before * after).sum(axis=1) < _CORNER * speeds)
     at = np.searchsorted(u, left[is_corner])
     return np.insert(u, at, left[is_corner]), np.insert(ahead, at, before[is_corner], axis=0)
 
