@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 import shapely
+from numba import njit
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Region: TypeAlias = Polygon | MultiPolygon
 
 CHORD_ERROR_MM = 5e-4  # of sampled curves and of arcs round corners: a quarter of the 2e-3 mm promised for offsets
@@ -52,15 +56,81 @@ def inset_rings(region: Region, first_mm: float, step_mm: float, count: int) -> 
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class OffsetRings:
+    """The outlines of many offset regions, material on the left, each outline followed by its holes.
+
+    points : (n, 2) float, mm, of all rings, none repeats its first   first : (r+1,) int, first point of each ring
+    owner : (r,) int, which region a ring belongs to   is_hole : (r,) bool
+    """
+
+    points: Floats
+    first: Ints
+    owner: Ints
+    is_hole: NDArray[np.bool_]
+
+
 def signed_offsets(
     regions: Sequence[Region], distances_mm: Sequence[float], chord_error_mm: float = CHORD_ERROR_MM
-) -> list[list[MultiPolygon]]:
-    """Each region grown (> 0) or shrunk (< 0) by each distance: result[region][distance].
+) -> OffsetRings:
+    """Each region grown (> 0) or shrunk (< 0) by its own distance, those of one distance in one call.
 
-    Raises ValueError as `outset`.
+    Raises ValueError as `outset`, or if there are not as many distances as regions.
     """
-    columns = [_moved(np.array(regions, dtype=object), float(d), chord_error_mm) for d in distances_mm]
-    return [[_without_slivers(column[k], chord_error_mm) for column in columns] for k in range(len(regions))]
+    given, reach = np.array([*regions, None], dtype=object)[:-1], np.asarray(distances_mm, dtype=np.float64)
+    if reach.shape != given.shape:
+        raise ValueError(f"{reach.size} distances for {given.size} regions")
+    moved = given.copy()
+    for distance in np.unique(reach):
+        mine = np.flatnonzero(reach == distance) if math.isfinite(distance) else np.arange(len(reach))
+        moved[mine] = _moved(given[mine], float(distance), chord_error_mm)
+    parts, owner = shapely.get_parts(moved, return_index=True)
+    filled = (shapely.get_type_id(parts) == 3) & ~shapely.is_empty(parts)
+    parts, owner = parts[filled], owner[filled]
+    lines, part = shapely.get_rings(parts, return_index=True)
+    return _rings(shapely.get_coordinates(lines), shapely.get_num_coordinates(lines), owner, part, chord_error_mm)
+
+
+def _rings(
+    path: Floats, counts: Ints, owner: Ints, part: Ints, chord_error_mm: float
+) -> OffsetRings:
+    """Rings turned material left, without those whose mean width is below the chord error.
+
+    path : (n, 2) float, mm, closed rings of `counts` points   owner : of each part   part : of each ring.
+    """
+    points, first, kept, is_hole = _turned(path, counts.astype(np.int64), part.astype(np.int64), chord_error_mm)
+    return OffsetRings(points, first, owner[part[kept]], is_hole)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _turned(
+    path: Floats, counts: Ints, part: Ints, chord_error_mm: float
+) -> tuple[Floats, Ints, Ints, NDArray[np.bool_]]:  # pragma: no cover
+    """Points and first points of the rings that stay, which of the given they are, and which are holes."""
+    points = np.empty((len(path), 2))
+    first, kept = np.zeros(len(counts) + 1, dtype=np.int64), np.empty(len(counts), dtype=np.int64)
+    is_hole = np.zeros(len(counts), dtype=np.bool_)
+    found, start, wide = 0, 0, True
+    for ring in range(len(counts)):
+        end = start + counts[ring] - 1
+        inner = ring > 0 and part[ring] == part[ring - 1]
+        area, length = 0.0, 0.0
+        for k in range(start, end):
+            dx, dy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+            area += (path[k, 0] - path[start, 0]) * dy - (path[k, 1] - path[start, 1]) * dx
+            length += np.sqrt(dx * dx + dy * dy)
+        stays = abs(area) >= chord_error_mm * length and (wide or not inner)
+        if not inner:
+            wide = stays
+        if stays:
+            at = first[found]
+            for k in range(end - start):
+                points[at + k] = path[end - k] if (area < 0.0) != inner else path[start + k]
+            first[found + 1] = at + end - start
+            kept[found], is_hole[found] = ring, inner
+            found += 1
+        start = end + 1
+    return points[: first[found]].copy(), first[: found + 1], kept[:found], is_hole[:found]
 
 
 def _moved(regions: NDArray[np.object_], distance_mm: float, chord_error_mm: float) -> NDArray[np.object_]:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from planner.nurbs.curve import Curve
-from planner.nurbs.offset import signed_offsets
+from planner.nurbs.offset import OffsetRings, signed_offsets
+from planner.nurbs.offset_join import joined, points_on, reach_of
 from planner.nurbs.offset_pieces import fit_stretches
 from planner.nurbs.offset_source import Sides, Source, polygons_of, sides_of, source_of
 from planner.nurbs.offset_trace import trace_rings
@@ -27,8 +28,8 @@ _FINE_MM = 1e-4  # of the second try
 _NEARER = 1.5  # times the errors of polygon and fit: what is nearer to the polygon than the distance less this is cut off
 _SLACK = 6.0  # times the chord error: by how much polygons may miss the distance
 _TINY = 30.0  # times the chord error: a shorter stretch may have no place between its neighbours
-_SHARES = np.array([0.0, 0.25, 0.5, 0.75])
-_BASIS = np.column_stack([(1 - _SHARES) ** 3, 3 * _SHARES * (1 - _SHARES) ** 2, 3 * _SHARES**2 * (1 - _SHARES), _SHARES**3])
+_LENGTH_SHARE = 0.02  # by which curve and polygon may differ in length
+_STRAYED = 6.0  # times the chord error: stretches whose ends or lengths miss the polygon's by more are looked at closely
 
 
 def offset_curves(
@@ -94,44 +95,26 @@ def _offsets(
     sides = sides_of(source, chord_mm)
     sets = sorted({number for number, _ in wanted})
     outlines = dict(zip(sets, polygons_of(source, sides, sets), strict=True))
-    lines: list[shapely.Geometry] = []
-    owner: list[int] = []
-    holes: list[bool] = []
-    for index, shape in enumerate(_moved(outlines, wanted, chord_mm)):
-        for part in shapely.get_parts(shapely.orient_polygons(shape)):
-            lines += [part.exterior, *part.interiors]
-            holes += [False] + [True] * len(part.interiors)
-            owner += [index] * (1 + len(part.interiors))
-    rings = [np.ascontiguousarray(shapely.get_coordinates(line)[:-1]) for line in lines]
-    curves = _traced(source, sides, rings, [wanted[k] for k in owner], outlines, chord_mm, style)
+    rings = signed_offsets([outlines[number] for number, _ in wanted], [d for _, d in wanted], chord_mm)
+    curves = _traced(source, sides, rings, [wanted[k] for k in rings.owner], outlines, chord_mm, style)
     found: list[list[Ring] | None] = [[] for _ in wanted]
     parent = -1
-    for index, is_hole, ring, curve in zip(owner, holes, rings, curves, strict=True):
+    for k, (index, is_hole, curve) in enumerate(zip(rings.owner.tolist(), rings.is_hole.tolist(), curves, strict=True)):
         mine = found[index]
         if mine is None or (curve is None and not always):
             found[index] = None
             continue
         parent = parent if is_hole else len(mine)
-        mine.append(Ring(curve or fit_loops([ring], style.tolerance_mm)[0], is_hole, parent if is_hole else -1))
+        if curve is None:
+            [curve] = fit_loops([rings.points[rings.first[k] : rings.first[k + 1]]], style.tolerance_mm)
+        mine.append(Ring(curve, is_hole, parent if is_hole else -1))
     return found
-
-
-def _moved(
-    outlines: dict[int, MultiPolygon], wanted: Sequence[tuple[int, float]], chord_mm: float
-) -> list[MultiPolygon]:
-    """The offset regions of sets and distances; those of one distance in one call."""
-    found: dict[tuple[int, float], MultiPolygon] = {}
-    for distance in sorted({distance for _, distance in wanted}):
-        numbers = [number for number, own in wanted if own == distance]
-        shapes = signed_offsets([outlines[number] for number in numbers], [distance], chord_mm)
-        found.update({(number, distance): row[0] for number, row in zip(numbers, shapes, strict=True)})
-    return [found[key] for key in wanted]
 
 
 def _traced(
     source: Source,
     sides: Sides,
-    rings: list[Floats],
+    rings: OffsetRings,
     stands_for: list[tuple[int, float]],
     outlines: dict[int, MultiPolygon],
     chord_mm: float,
@@ -141,82 +124,59 @@ def _traced(
 
     stands_for : set and distance of each ring.
     """
-    if not rings:
+    if not stands_for:
         return []
-    first = np.concatenate([[0], np.cumsum([len(ring) for ring in rings])])
     left = np.array([-distance for _, distance in stands_for])
     loops = np.searchsorted(source.owner, np.array([[number, number + 1] for number, _ in stands_for]))
     rows, begin, whole = trace_rings(
         source.coefficients, source.is_corner, sides.points, sides.piece, sides.low, sides.high, sides.after,
-        sides.before, sides.loop, source.first, np.concatenate(rings), first, sides.first[loops], left,
+        sides.before, sides.loop, source.first, sides.limits, rings.points, rings.first, sides.first[loops], left,
         _SLACK * chord_mm,
     )  # fmt: skip
-    whole &= left != 0.0
-    per_row = np.repeat(left, np.diff(begin))
     nets, starts, fits = fit_stretches(
-        source.coefficients, source.is_corner, source.begins, source.first, sides.loop, rows, per_row,
-        style.tolerance_mm, style.arcs,
+        source.coefficients, source.is_corner, source.begins, source.first, sides.loop, rows,
+        np.repeat(left, np.diff(begin)), style.tolerance_mm, style.arcs,
     )  # fmt: skip
-    points, lengths = _path(nets)
-    reach = np.add.reduceat(np.append(lengths, 0.0), starts[:-1])
-    out_of_place = (rows[:, 4] < _TINY * chord_mm) & (reach > 3.0 * _TINY * chord_mm)
-    near = _are_nearer(points, starts[begin], outlines, stands_for, np.diff(begin) > 1, chord_mm + style.tolerance_mm)
-    found: list[Curve | None] = []
-    for k in range(len(rings)):
-        mine = np.flatnonzero(~out_of_place[begin[k] : begin[k + 1]]) + begin[k]
-        expected = float(rows[begin[k] : begin[k + 1], 4].sum())
-        misses = abs(float(reach[mine].sum()) - expected)
-        fair = mine.size and fits[mine].all() and misses <= _TINY * chord_mm * (begin[k + 1] - begin[k]) + 0.02 * expected
-        if not (whole[k] and fair) or near[k]:
-            found.append(None)
-        elif len(mine) == begin[k + 1] - begin[k]:
-            found.append(_joined(nets[starts[begin[k]] : starts[begin[k + 1]]]))
-        else:
-            found.append(_joined(np.concatenate([nets[starts[row] : starts[row + 1]] for row in mine])))
-    return found
+    points = points_on(nets)
+    reach = reach_of(points, starts)
+    stays = (rows[:, 4] >= _TINY * chord_mm) | (reach <= 3.0 * _TINY * chord_mm)
+    expected = np.add.reduceat(rows[:, 4], begin[:-1])
+    misses = np.abs(np.add.reduceat(np.where(stays, reach, 0.0), begin[:-1]) - expected)
+    whole &= misses <= _TINY * chord_mm * np.diff(begin) + _LENGTH_SHARE * expected
+    whole &= np.add.reduceat(stays & ~fits, begin[:-1]) == 0
+    whole &= np.logical_or.reduceat(stays, begin[:-1]) & (left != 0.0)
+    strayed = np.abs(reach - rows[:, 4]) > _STRAYED * chord_mm + _LENGTH_SHARE * rows[:, 4]
+    strayed |= (rows[:, 5] > _STRAYED * chord_mm) | ~stays
+    doubtful = np.flatnonzero(strayed & stays & np.repeat(whole, np.diff(begin)))
+    ring = np.repeat(np.arange(len(stands_for)), np.diff(begin))[doubtful]
+    near = _are_nearer(points, starts, outlines, doubtful, [stands_for[k] for k in ring], chord_mm + style.tolerance_mm)
+    whole[ring[near]] = False
+    kept = np.repeat(stays & np.repeat(whole, np.diff(begin)), np.diff(starts))
+    edges = np.concatenate([[0], np.cumsum(kept)])[starts[begin]]
+    curves = iter(joined(nets[kept], np.append(edges[:-1][whole], edges[-1])))
+    return [next(curves) if is_whole else None for is_whole in whole]
 
 
 def _are_nearer(
     points: Floats,
-    first: Ints,
+    starts: Ints,
     outlines: dict[int, MultiPolygon],
+    asked: Ints,
     stands_for: list[tuple[int, float]],
-    asked: NDArray[np.bool_],
     error_mm: float,
 ) -> NDArray[np.bool_]:
-    """Which rings come nearer to their set's polygons than they should, of those asked for: others meet nothing.
+    """Which of the stretches asked for come nearer to their set's polygons than they should.
 
-    points : (m, k, 2) float, mm, of the pieces   first : (r+1,) int, pieces of each ring   error_mm : of both.
+    points : (m, k, 2) float, mm, on the pieces   starts : (s+1,) int, pieces of each stretch
+    stands_for : set and distance of each stretch asked for   error_mm : of polygons and curves.
     """
     found = np.zeros(len(asked), dtype=bool)
-    lines = {number: shape.boundary for number, shape in outlines.items()}
+    lines = {number: outlines[number].boundary for number in {number for number, _ in stands_for}}
     for line in lines.values():
         shapely.prepare(line)
-    for k in np.flatnonzero(asked):
-        number, distance = stands_for[k]
+    for index, (k, (number, distance)) in enumerate(zip(asked, stands_for, strict=True)):
         cut_off = abs(distance) - _NEARER * error_mm
-        mine = points[first[k] : first[k + 1]].reshape(-1, 2)
+        mine = points[starts[k] : starts[k + 1], ::2].reshape(-1, 2)
         if cut_off > 0.0 and len(mine):
-            found[k] = shapely.dwithin(lines[number], shapely.points(mine), cut_off).any()
+            found[index] = shapely.dwithin(lines[number], shapely.points(mine), cut_off).any()
     return found
-
-
-def _path(pieces: Floats) -> tuple[Floats, Floats]:
-    """Two points on each piece, (m, 2, 2) float, mm, and the length of the polygon through them, (m,) float, mm."""
-    rows = np.einsum("tk,pkd->ptd", _BASIS, pieces * np.where(np.arange(3) < 2, pieces[:, :, 2:], 1.0))
-    path = rows[:, :, :2] / rows[:, :, 2:]
-    corners = np.concatenate([path, pieces[:, 3:, :2]], axis=1)
-    return path[:, ::2], np.hypot(*np.moveaxis(np.diff(corners, axis=1), 2, 0)).sum(axis=1)
-
-
-def _joined(pieces: Floats) -> Curve:
-    """One closed curve through all pieces, parameter about as their lengths, domain (0, 1).
-
-    pieces : (m, 4, 3) float   Control points and weights; each ends where the next begins, the last at the first.
-    """
-    reach = np.hypot(*np.moveaxis(np.diff(pieces[:, :, :2], axis=1), 2, 0)).sum(axis=1)
-    at = np.concatenate([[0.0], np.cumsum(reach)]) / reach.sum()
-    knots = np.concatenate([[0.0], np.repeat(at[:-1], 3), [1.0, 1.0, 1.0, 1.0]])
-    rows = np.concatenate([pieces[:, :3].reshape(-1, 3), pieces[:1, 0]])
-    weights = None if (rows[:, 2] == 1.0).all() else rows[:, 2]
-    return Curve(3, knots, rows[:, :2], weights)

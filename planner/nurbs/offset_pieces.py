@@ -19,6 +19,9 @@ _ARC_RAD = 2e-3  # by which an arc's end tangents may miss the offset's
 _LEAST_MM = 1e-4  # shorter pieces are not divided
 _DEPTH = 16  # halvings of a stretch; one that needs more runs back on itself and is none
 _NEWTON_STEPS = 20
+_FOOT_STEPS = 4
+_BESIDE = 0.01  # of the tolerance, both squared: a probe whose foot is that near adds nothing to its distance
+_GOOD_SHARE = 0.1  # of the tolerance: equal handles that fit as well as this are kept
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -133,26 +136,33 @@ def _cubic(rows: Floats, d0: float, d1: float, net: Floats) -> None:  # pragma: 
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _misses(rows: Floats, net: Floats) -> float:  # pragma: no cover
-    """Largest distance of the probes from a polynomial cubic, mm."""
-    reach = np.zeros(len(rows))
+def _misses(rows: Floats, net: Floats, tolerance: float) -> float:  # pragma: no cover
+    """Largest distance of the probes from a polynomial cubic, mm; the first beyond the tolerance if there is one."""
+    worst, reach, length = 0.0, 0.0, 0.0
     for k in range(1, len(rows)):
-        reach[k] = reach[k - 1] + np.hypot(rows[k, 0] - rows[k - 1, 0], rows[k, 1] - rows[k - 1, 1])
-    worst = 0.0
+        length += np.hypot(rows[k, 0] - rows[k - 1, 0], rows[k, 1] - rows[k - 1, 1])
+    ax, ay = net[1, 0] - net[0, 0], net[1, 1] - net[0, 1]
+    bx, by = net[2, 0] - net[1, 0], net[2, 1] - net[1, 1]
+    cx, cy = net[3, 0] - net[2, 0], net[3, 1] - net[2, 1]
     for k in range(1, len(rows) - 1):
-        t = reach[k] / reach[-1]
-        away = np.inf
-        for _ in range(4):
+        reach += np.hypot(rows[k, 0] - rows[k - 1, 0], rows[k, 1] - rows[k - 1, 1])
+        t, away = reach / length, 0.0
+        for _ in range(_FOOT_STEPS):
             r = 1.0 - t
             b0, b1, b2, b3 = r * r * r, 3.0 * r * r * t, 3.0 * r * t * t, t * t * t
             gx = rows[k, 0] - b0 * net[0, 0] - b1 * net[1, 0] - b2 * net[2, 0] - b3 * net[3, 0]
             gy = rows[k, 1] - b0 * net[0, 1] - b1 * net[1, 1] - b2 * net[2, 1] - b3 * net[3, 1]
-            away = np.hypot(gx, gy)
             c0, c1, c2 = 3.0 * r * r, 6.0 * r * t, 3.0 * t * t
-            dx = c0 * (net[1, 0] - net[0, 0]) + c1 * (net[2, 0] - net[1, 0]) + c2 * (net[3, 0] - net[2, 0])
-            dy = c0 * (net[1, 1] - net[0, 1]) + c1 * (net[2, 1] - net[1, 1]) + c2 * (net[3, 1] - net[2, 1])
-            t = min(max(t + (gx * dx + gy * dy) / max(dx * dx + dy * dy, 1e-300), 0.0), 1.0)
-        worst = max(worst, away)
+            dx, dy = c0 * ax + c1 * bx + c2 * cx, c0 * ay + c1 * by + c2 * cy
+            square = max(dx * dx + dy * dy, 1e-300)
+            along = gx * dx + gy * dy
+            away = gx * gx + gy * gy
+            if along * along <= _BESIDE * tolerance * tolerance * square:
+                break
+            t = min(max(t + along / square, 0.0), 1.0)
+        worst = max(worst, np.sqrt(away))
+        if worst > tolerance:
+            break
     return worst
 
 
@@ -165,12 +175,14 @@ def _one_piece(rows: Floats, tolerance: float, arcs: bool, net: Floats) -> bool:
         return True
     even = _even_handles(rows)
     _cubic(rows, even, even, net)
-    worst = _misses(rows, net)
+    worst = _misses(rows, net, tolerance)
+    if worst <= _GOOD_SHARE * tolerance:
+        return True
     d0, d1 = _matched_handles(rows)
-    if worst > 0.1 * tolerance and d0 > 0.0:
+    if d0 > 0.0:
         other = np.empty((4, 3))
         _cubic(rows, d0, d1, other)
-        matched = _misses(rows, other)
+        matched = _misses(rows, other, tolerance)
         if matched < worst:
             net[:], worst = other, matched
     return worst <= tolerance
@@ -224,7 +236,7 @@ def fit_stretches(
 ) -> tuple[Floats, Ints, Mask]:  # pragma: no cover  # fmt: skip
     """Pieces of many stretches: (m, 4, 3), first piece of each stretch (s+1,), whether all its pieces fit (s,).
 
-    rows : (s, 5) of `trace_rings`   left : (s,) float, mm.
+    rows : (s, 6) of `trace_rings`   left : (s,) float, mm.
     """
     count = len(rows)
     nets = np.empty((4 * count + 64, 4, 3))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from planner.errors import FitError
+from planner.nurbs.bezier import BezierPieces
 from planner.nurbs.curve import Curve
-from planner.nurbs.knots import bezier_pieces
 from planner.nurbs.rings import region_from_loops
 
 Floats = NDArray[np.float64]
@@ -27,6 +27,8 @@ _JUMP = 0.2  # of the larger curvature at a joint: a larger jump there begins an
 _BULGE_MM = 1e-3  # and one that bends the shorter of both pieces away by this
 _TURN_RAD = 0.15  # of the source per side of its polygon, at most
 _MOST_SIDES = 200  # of one piece's polygon
+_SHARP = 1e12  # 1/mm, curvature of a corner
+_LEAST_MM = 1e-9  # shorter pieces are points
 _LEVEL_MM = 1e-6  # within which curves in space lie at one height
 
 
@@ -56,6 +58,8 @@ class Sides:
     points : (S, 2) float, mm   Where each side begins.   piece : (S,) int   low, high : (S,) float   Its parameters.
     after, before : (S,) int    The neighbouring sides of the loop.   first : (L+1,) int   First side of each loop.
     loop : (P,) int             The loop of each piece.
+    limits : (S, 3) float       Least and largest curvature (1/mm) and turning (rad) of each; a corner's curvature is as
+                                good as infinite.
     """
 
     points: Floats
@@ -66,6 +70,7 @@ class Sides:
     before: Ints
     first: Ints
     loop: Ints
+    limits: Floats
 
 
 def source_of(sets: Sequence[Sequence[Curve]]) -> Source:
@@ -73,55 +78,54 @@ def source_of(sets: Sequence[Sequence[Curve]]) -> Source:
 
     Raises FitError if a curve is open or does not lie in a plane of constant z.
     """
-    nets: list[Floats] = []
-    owner: list[int] = []
-    for number, curves in enumerate(sets):
-        for index, curve in enumerate(curves):
-            nets.append(_flat_pieces(curve, index))
-            owner.append(number)
-    degree = max((net.shape[1] - 1 for net in nets), default=1)
-    owners = np.array(owner, dtype=np.int64)
-    sense = _senses(nets, owners)
-    turned = [net if keep else net[::-1, ::-1] for net, keep in zip(nets, sense, strict=True)]
-    coefficients = [_monomials(net, degree) for net in turned]
-    first = np.concatenate([[0], np.cumsum([len(net) for net in nets])]).astype(np.int64)
-    table = np.concatenate(coefficients) if coefficients else np.empty((0, degree + 1, 3))
-    return _with_corners(table, first, owners)
+    every = [_flat(curve, index) for curves in sets for index, curve in enumerate(curves)]
+    owner = np.repeat(np.arange(len(sets)), [len(curves) for curves in sets])
+    if not every:
+        return _with_corners(np.empty((0, 2, 3)), np.zeros(1, dtype=np.int64), owner)
+    pieces = BezierPieces.from_curves(every)
+    nets = pieces.nets if pieces.rational else np.dstack([pieces.nets, np.ones(pieces.nets.shape[:2])])
+    table, reach = _monomials(nets, pieces.degrees)
+    kept = reach > _LEAST_MM
+    first = np.concatenate([[0], np.cumsum(kept)])[pieces.first]
+    table = table[kept]
+    backward = np.repeat(~_senses(table, first, owner), np.diff(first))
+    order = np.arange(len(table))
+    low, high = np.repeat(first[:-1], np.diff(first)), np.repeat(first[1:], np.diff(first))
+    order = np.where(backward, low + high - 1 - order, order)
+    return _with_corners(np.where(backward[:, None, None], _reversed(table), table)[order], first, owner)
 
 
-def _flat_pieces(curve: Curve, index: int) -> Floats:
-    """The curve's Bézier pieces, homogeneous in the plane: (P, p+1, 3) float."""
+def _flat(curve: Curve, index: int) -> Curve:
+    """The curve in the plane of x and y."""
     if not curve.is_closed:
         raise FitError(f"curve {index} is open and has no inside to offset")
     points = curve.control_points
-    if points.shape[1] == 3 and np.ptp(points[:, 2]) > _LEVEL_MM:
+    if points.shape[1] == 2:
+        return curve
+    if np.ptp(points[:, 2]) > _LEVEL_MM:
         raise FitError(f"curve {index} is not level: it spans {np.ptp(points[:, 2]):.3g} mm in z")
-    weights = np.ones(len(points)) if curve.weights is None else curve.weights
-    rows = np.column_stack([points[:, :2] * weights[:, None], weights])
-    pieces = np.asarray(bezier_pieces(curve.degree, curve.knots, rows)[1])
-    reach = np.abs(np.diff(pieces[:, :, :2] / pieces[:, :, 2:], axis=1)).max(axis=(1, 2))
-    return pieces[reach > 1e-9]
+    return Curve.trusted(curve.degree, curve.knots, np.ascontiguousarray(points[:, :2]), curve.weights)
 
 
-def _senses(nets: list[Floats], owner: Ints) -> Mask:
-    """Which curves already have the material on their left."""
-    loops = []
-    for net in nets:
-        shares = np.array([0.0, 0.25, 0.5, 0.75])
-        power = np.vander(shares, net.shape[1], increasing=True) @ _to_monomials(net.shape[1] - 1)
-        rows = np.einsum("tk,pkd->ptd", power, net).reshape(-1, 3)
-        loops.append(rows[:, :2] / rows[:, 2:])
-    following = [np.roll(loop, -1, axis=0) for loop in loops]
-    areas = np.array([np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) for a, b in zip(loops, following, strict=True)])
-    is_hole = np.zeros(len(nets), dtype=bool)
-    for number in np.flatnonzero(np.bincount(owner, minlength=1) > 1):
-        mine = np.flatnonzero(owner == number)
-        shapes = np.array([shapely.Polygon(loops[k]) for k in mine])
-        shapely.prepare(shapes)
-        starts = np.array([loops[k][0] for k in mine])
-        inside = shapely.contains_xy(shapes[:, None], starts[None, :, 0], starts[None, :, 1])
+def _senses(table: Floats, first: Ints, owner: Ints) -> Mask:
+    """Which loops already have the material on their left."""
+    rows = np.einsum("tk,pkd->ptd", np.vander(np.arange(4) / 4, table.shape[1], increasing=True), table).reshape(-1, 3)
+    points, first = rows[:, :2] / rows[:, 2:], 4 * first
+    following = np.roll(points, -1, axis=0)
+    following[first[1:] - 1] = points[first[:-1]]
+    centre = np.repeat(points[first[:-1]], np.diff(first), axis=0)
+    a, b = points - centre, following - centre
+    areas = np.add.reduceat(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], first[:-1])
+    is_hole = np.zeros(len(owner), dtype=bool)
+    several = np.flatnonzero(np.bincount(owner, minlength=1)[owner] > 1)
+    shapes = [shapely.Polygon(points[first[k] : first[k + 1]]) for k in several]
+    shapely.prepare(shapes)
+    for number in np.unique(owner[several]):
+        mine = np.flatnonzero(owner[several] == number)
+        starts = points[first[several[mine]]]
+        inside = shapely.contains_xy(np.array([shapes[k] for k in mine])[:, None], starts[None, :, 0], starts[None, :, 1])
         np.fill_diagonal(inside, False)
-        is_hole[mine] = inside.sum(axis=0) % 2 == 1
+        is_hole[several[mine]] = inside.sum(axis=0) % 2 == 1
     return np.asarray((areas > 0.0) != is_hole)
 
 
@@ -134,11 +138,26 @@ def _to_monomials(degree: int) -> Floats:
     return matrix
 
 
-def _monomials(net: Floats, degree: int) -> Floats:
-    own = net.shape[1] - 1
-    rows = np.zeros((len(net), degree + 1, 3))
-    rows[:, : own + 1] = np.einsum("jk,pkd->pjd", _to_monomials(own), net)
-    return rows
+def _monomials(nets: Floats, degrees: Ints) -> tuple[Floats, Floats]:
+    """Coefficients of powers of t, as many as the highest degree asks for, and how far each piece's control points go, mm.
+
+    nets : (P, k, 3) float, homogeneous   degrees : (P,) int, of each piece, which uses its first rows.
+    """
+    table, reach = np.zeros((len(nets), max(nets.shape[1], 2), 3)), np.empty(len(nets))
+    for degree in np.unique(degrees):
+        mine = np.flatnonzero(degrees == degree)
+        own = nets[mine, : degree + 1]
+        places = own[:, :, :2] / own[:, :, 2:]
+        reach[mine] = np.abs(np.diff(places, axis=1)).max(axis=(1, 2))
+        table[mine, : degree + 1] = np.einsum("jk,pkd->pjd", _to_monomials(degree), own)
+    return table, reach
+
+
+def _reversed(table: Floats) -> Floats:
+    """The coefficients of the same pieces run backward: of powers of 1 - t."""
+    count = table.shape[1]
+    turn = np.array([[comb(k, j) * (-1.0) ** j for k in range(count)] for j in range(count)])
+    return np.einsum("jk,pkd->pjd", turn, table)
 
 
 def _with_corners(table: Floats, first: Ints, owner: Ints) -> Source:
@@ -230,7 +249,30 @@ def sides_of(source: Source, chord_error_mm: float) -> Sides:
     after, before = np.arange(1, len(piece) + 1), np.arange(-1, len(piece) - 1)
     after[first[1:] - 1], before[first[:-1]] = first[:-1], first[1:] - 1
     loop = np.repeat(np.arange(len(first) - 1), np.diff(source.first))
-    return Sides(points, piece, low, high, after, before, first, loop)
+    limits = _limits(source.coefficients, source.is_corner, piece, low, high)
+    return Sides(points, piece, low, high, after, before, first, loop, limits)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _limits(table: Floats, is_corner: Mask, piece: Ints, low: Floats, high: Floats) -> Floats:  # pragma: no cover
+    """Least and largest curvature (1/mm) and turning (rad) of every side, from both ends and the middle: (S, 3)."""
+    limits = np.empty((len(piece), 3))
+    for k in range(len(piece)):
+        if is_corner[piece[k]]:
+            turn = table[piece[k], 1, 1]
+            limits[k, 0] = limits[k, 1] = np.copysign(_SHARP, turn)
+            limits[k, 2] = abs(turn)
+            continue
+        least, most, total = np.inf, -np.inf, 0.0
+        for j in range(3):
+            _, _, dx, dy, ddx, ddy = jet(table, piece[k], low[k] + 0.5 * j * (high[k] - low[k]))
+            speed2 = max(dx * dx + dy * dy, 1e-300)
+            rate = (dx * ddy - dy * ddx) / speed2
+            bend = rate / np.sqrt(speed2)
+            least, most = min(least, bend), max(most, bend)
+            total += abs(rate) * (2.0 if j == 1 else 0.5) / 3.0
+        limits[k, 0], limits[k, 1], limits[k, 2] = least, most, total * (high[k] - low[k])
+    return limits
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -15,6 +15,8 @@ Place = tuple[int, float]
 
 _SAME_WAY = 1.5  # rad of turning between two places that are one: a way that comes back to its start turns by pi or more
 _LOOK = 64  # sides between two places that may be one
+_NEAR = 8  # and between the middles of neighbouring edges, seldom more than two
+_AHEAD = 16  # sides that are tried first where an edge belongs to another part of the source
 _NEWTON_STEPS = 40
 _MEET_MM = 1e-9
 _FLAT = 1e-7  # sine of the angle at which two stretches meet, below which the place is not found
@@ -81,15 +83,39 @@ def _settle(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _scan(points: Floats, after: Ints, is_point: Mask, low: int, high: int, x: float, y: float) -> int:  # pragma: no cover
-    """The side nearest to (x, y) of those from low to high."""
+def _runs_along(points: Floats, after: Ints, side: int, ux: float, uy: float) -> bool:  # pragma: no cover
+    """Whether a side runs more along a direction than against it; a corner does."""
+    a, b = points[side], points[after[side]]
+    return (b[0] - a[0]) * ux + (b[1] - a[1]) * uy >= 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _scan(
+    points: Floats, after: Ints, is_point: Mask, low: int, high: int, x: float, y: float, ux: float, uy: float
+) -> int:  # pragma: no cover
+    """The side nearest to (x, y) of those from low to high that run along (ux, uy)."""
     best, found = np.inf, low
     for side in range(low, high):
-        if not is_point[side]:
+        if not is_point[side] and _runs_along(points, after, side, ux, uy):
             _, away = _share(points, after, side, x, y)
             if away < best:
                 best, found = away, side
     return found
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _scan_ahead(
+    points: Floats, after: Ints, is_point: Mask, side: int, x: float, y: float, ux: float, uy: float, reach: float,
+    slack: float,
+) -> int:  # pragma: no cover  # fmt: skip
+    """The first of the next sides along (ux, uy) that is as far from (x, y) as the offset is; -1 where none is."""
+    for _ in range(_AHEAD):
+        side = after[side]
+        if not is_point[side] and _runs_along(points, after, side, ux, uy):
+            share, away = _share(points, after, side, x, y)
+            if 0.0 < share < 1.0 and abs(away - reach) <= slack:
+                return side
+    return -1
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -133,6 +159,17 @@ def _is_one(
         side = after[side]
         t = low[side]
     return False
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _is_joined(
+    table: Floats, is_corner: Mask, piece: Ints, low: Floats, high: Floats, after: Ints, left: float,
+    side: int, t: float, other: int, other_t: float,
+) -> bool:  # pragma: no cover  # fmt: skip
+    """Whether the offset runs from one place to the other, or from the other to the one, as `_is_one`."""
+    return _is_one(table, is_corner, piece, low, high, after, left, side, t, other, other_t) or _is_one(
+        table, is_corner, piece, low, high, after, left, other, other_t, side, t
+    )
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -184,68 +221,100 @@ def _meet(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _places(
-    table: Floats, is_corner: Mask, points: Floats, piece: Ints, low: Floats, high: Floats, after: Ints, before: Ints,
-    ring: Floats, span: tuple[int, int], left: float, slack: float,
-) -> tuple[Ints, Floats]:  # pragma: no cover  # fmt: skip
-    """Side and parameter of both ends of every ring edge, each found from the edge's middle: (n, 2) each."""
-    count = len(ring)
-    is_point = is_corner[piece]
-    sides, at = np.empty((count, 2), dtype=np.int64), np.empty((count, 2))
+def _sides_along(
+    points: Floats, after: Ints, before: Ints, is_point: Mask, ring: Floats, span: tuple[int, int], left: float,
+    slack: float,
+) -> Ints:  # pragma: no cover  # fmt: skip
+    """The side that every edge of a ring is the offset of, found from the edge's middle: (n,) int."""
+    count, reach = len(ring), abs(left)
+    sides = np.empty(count, dtype=np.int64)
     side, known = 0, False
     for k in range(count):
-        x, y = 0.5 * (ring[k] + ring[(k + 1) % count])
-        away = np.inf
+        j = k + 1 if k + 1 < count else 0
+        x, y = 0.5 * (ring[k, 0] + ring[j, 0]), 0.5 * (ring[k, 1] + ring[j, 1])
+        ux, uy = ring[j, 0] - ring[k, 0], ring[j, 1] - ring[k, 1]
+        found, away = side, np.inf
         if known:
-            side, share, away = _settle(points, after, before, is_point, side, x, y)
-        if abs(away - abs(left)) > slack:
-            side = _scan(points, after, is_point, span[0], span[1], x, y)
-            side, share, away = _settle(points, after, before, is_point, side, x, y)
-        known = True
-        for end in range(2):
-            x, y = ring[(k + end) % count]
-            found, share, _ = _settle(points, after, before, is_point, side, x, y)
-            sides[k, end] = found
-            at[k, end] = _place(table, is_corner, piece, low, high, found, share, x, y, left)
-    return sides, at
+            found, _, away = _settle(points, after, before, is_point, side, x, y)
+        if abs(away - reach) > slack or not _runs_along(points, after, found, ux, uy):
+            ahead = _scan_ahead(points, after, is_point, side, x, y, ux, uy, reach, slack) if known else -1
+            if ahead < 0:
+                ahead = _scan(points, after, is_point, span[0], span[1], x, y, ux, uy)
+            found, _, _ = _settle(points, after, before, is_point, ahead, x, y)
+        side, known = found, True
+        sides[k] = side
+    return sides
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _runs_on(limits: Floats, after: Ints, left: float, side: int, goal: int) -> bool:  # pragma: no cover
+    """Whether the offset runs on from one side to another near it, all sides of the way whole, none turned back."""
+    turn = 0.0
+    for _ in range(_NEAR):
+        turn += limits[side, 2]
+        if left * limits[side, 0] >= 1.0 or left * limits[side, 1] >= 1.0 or turn > _SAME_WAY:
+            return False
+        if side == goal:
+            return True
+        side = after[side]
+    return False
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _foot(
+    source: tuple[Floats, Mask, Mask, Floats, Ints, Floats, Floats, Ints, Ints, float], side: int, x: float, y: float
+) -> Place:  # pragma: no cover
+    """The side and parameter of the source's nearest place to (x, y) downhill from a side."""
+    table, is_corner, is_point, points, piece, low, high, after, before, left = source
+    found, share, _ = _settle(points, after, before, is_point, side, x, y)
+    return found, _place(table, is_corner, piece, low, high, found, share, x, y, left)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def trace_ring(
     table: Floats, is_corner: Mask, points: Floats, piece: Ints, low: Floats, high: Floats, after: Ints, before: Ints,
-    loop: Ints, first_piece: Ints, ring: Floats, span: tuple[int, int], left: float, slack: float,
+    loop: Ints, first_piece: Ints, limits: Floats, ring: Floats, span: tuple[int, int], left: float, slack: float,
 ) -> tuple[Floats, bool]:  # pragma: no cover  # fmt: skip
-    """The stretches of one ring in order: rows first piece, its parameter, last piece, its parameter, length (mm).
+    """The stretches of one ring in order: rows first piece, its parameter, last piece, its parameter, length (mm),
+    distance (mm) of its end from the ring's vertex there.
 
-    ring : (n, 2) float, mm, the material on its left   span : its set's sides   left : distance to the left, mm
+    limits : (S, 3) of `Sides`   ring : (n, 2) float, mm, the material on its left   span : its set's sides
+    left : distance to the left, mm
     slack : mm, of the polygons. A ring that is one whole loop gives one row that ends where it begins.
     Returns the rows and whether all their meeting points were found.
     """
-    sides, at = _places(
-        table, is_corner, points, piece, low, high, after, before, ring, span, left, slack
-    )  # fmt: skip
+    is_point = is_corner[piece]
+    along = _sides_along(points, after, before, is_point, ring, span, left, slack)
     count, length, found, good = len(ring), 0.0, 0, True
-    rows = np.zeros((count + 1, 5))
+    rows = np.zeros((count + 1, 6))
     for k in range(count):
-        length += np.hypot(ring[(k + 1) % count, 0] - ring[k, 0], ring[(k + 1) % count, 1] - ring[k, 1])
-        other = (k + 1) % count
-        a, t, b, s = sides[k, 1], at[k, 1], sides[other, 0], at[other, 0]
-        own, next_loop = loop[piece[a]], loop[piece[b]]
-        if own == next_loop and (
-            _is_one(table, is_corner, piece, low, high, after, left, a, t, b, s)
-            or _is_one(table, is_corner, piece, low, high, after, left, b, s, a, t)
-        ):
+        other = k + 1 if k + 1 < count else 0
+        x, y = ring[other]
+        length += np.hypot(x - ring[k, 0], y - ring[k, 1])
+        if _runs_on(limits, after, left, along[k], along[other]):
             continue
+        far = ring[other + 1 if other + 1 < count else 0]
+        feet = (table, is_corner, is_point, points, piece, low, high, after, before, left)
+        a, t = _foot(feet, along[k], 0.5 * (x + ring[k, 0]), 0.5 * (y + ring[k, 1]))
+        b, s = _foot(feet, along[other], 0.5 * (x + far[0]), 0.5 * (y + far[1]))
+        if _is_joined(table, is_corner, piece, low, high, after, left, a, t, b, s):
+            continue
+        c, v = _foot(feet, along[k], x, y)
+        d, w = _foot(feet, along[other], x, y)
+        if not _is_joined(table, is_corner, piece, low, high, after, left, c, v, d, w):
+            a, t, b, s = c, v, d, w
+        own, next_loop = loop[piece[a]], loop[piece[b]]
         p, t, q, s, met = _meet(
             table, is_corner, left, piece[a], t, first_piece[own], first_piece[own + 1],
             piece[b], s, first_piece[next_loop], first_piece[next_loop + 1],
         )  # fmt: skip
         good = good and met
-        rows[found, 2], rows[found, 3], rows[found, 4] = p, t, length
+        px, py, _, _, _, _ = offset_jet(table, is_corner, p, t, left)
+        rows[found, 2], rows[found, 3], rows[found, 4], rows[found, 5] = p, t, length, np.hypot(px - x, py - y)
         rows[found + 1, 0], rows[found + 1, 1] = q, s
         found, length = found + 1, 0.0
     if found == 0:
-        start = first_piece[loop[piece[sides[0, 0]]]]
+        start = first_piece[loop[piece[along[0]]]]
         rows[0, 0], rows[0, 2], rows[0, 4] = start, start, length
         return rows[:1], True
     rows[0, 0], rows[0, 1] = rows[found, 0], rows[found, 1]
@@ -256,20 +325,20 @@ def trace_ring(
 @njit(cache=True, error_model="numpy", nogil=True)
 def trace_rings(
     table: Floats, is_corner: Mask, points: Floats, piece: Ints, low: Floats, high: Floats, after: Ints, before: Ints,
-    loop: Ints, first_piece: Ints, path: Floats, first: Ints, spans: Ints, left: Floats, slack: float,
+    loop: Ints, first_piece: Ints, limits: Floats, path: Floats, first: Ints, spans: Ints, left: Floats, slack: float,
 ) -> tuple[Floats, Ints, Mask]:  # pragma: no cover  # fmt: skip
-    """The stretches of many rings: rows (m, 5) as of `trace_ring`, first row of each ring (r+1,), whether it is whole (r,).
+    """The stretches of many rings: rows (m, 6) as of `trace_ring`, first row of each ring (r+1,), whether it is whole (r,).
 
     path : (n, 2) float, mm, all rings' points   first : (r+1,) int   spans : (r, 2) int, the sides of each ring's set
     left : (r,) float, mm, distance to the left of each ring's source.
     """
     count = len(first) - 1
-    rows = np.empty((len(path) + count, 5))
+    rows = np.empty((len(path) + count, 6))
     begin = np.zeros(count + 1, dtype=np.int64)
     whole = np.zeros(count, dtype=np.bool_)
     for k in range(count):
         found, whole[k] = trace_ring(
-            table, is_corner, points, piece, low, high, after, before, loop, first_piece,
+            table, is_corner, points, piece, low, high, after, before, loop, first_piece, limits,
             path[first[k] : first[k + 1]], (spans[k, 0], spans[k, 1]), left[k], slack,
         )  # fmt: skip
         begin[k + 1] = begin[k] + len(found)
