@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import typer
 
-from cellctl.cli import files, remote, service, tokens
+from cellctl.cli import files, models, remote, service, tokens
 
 app = typer.Typer(
     name="cellctl",
@@ -18,7 +18,7 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (service.demo, service.serve, service.sim, service.doctor),
-    "Files": (files.plan, files.show, files.post, files.prove),
+    "Files": (files.plan, files.show, files.post, files.prove, models.model),
     "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record),
     "Cell": (remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import manifold3d  # type: ignore[import-not-found]  # a compiled module without types
+import manifold3d  # type: ignore[import-not-found,unused-ignore]
 import numpy as np
 import shapely
 from numpy.typing import NDArray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -29,6 +29,8 @@ _JOINS = 4  # rounds of joining neighbours
 _JOINABLE = (
     0.4  # of the cusp: a chord's deviation grows with the square of its length, so two equal ones add up to this
 )
+_PROBES = 24  # sections on which the style is tried
+_SMOOTH_SHARE = 0.75  # of the budget that contours may take before there is a single layer
 _CONTACT_ROUNDS = 3  # halvings of a layer whose walls would meet
 
 
@@ -71,6 +73,7 @@ class LayerSearch:
         """The layers from below.  Raises as `confirmed_layers` and `stack_walls`."""
         limits = self.limits
         self.report("layers", 0.0)
+        self.style = self._style_within_budget()
         wanted = Wanted(limits.budget_mm, limits.min_mm, limits.max_mm, self.rule, "both", self.style.crease_deg)
         found = confirmed_layers(self.mesh, self.axis, wanted).stations
         far = np.abs(found[:, None] - self.events).min(axis=1) > self.touch
@@ -86,6 +89,14 @@ class LayerSearch:
                 break
             slabs = self.divided(slabs, bad)
         return self._joined(slabs)
+
+    def _style_within_budget(self) -> ContourStyle:
+        """The style asked for; along the facets where the smooth surface leaves them by more than the walls may."""
+        span = self.events[[0, -1]]
+        heights = span[0] + (span[1] - span[0]) * (np.arange(_PROBES) + 0.5) / _PROBES
+        fitted = section_curves_many(slice_mesh(self.mesh, self._planes(heights)), self.mesh, self.style)
+        off = max((item.deviation_mm for section in fitted for item in section), default=0.0)
+        return self.style if off <= _SMOOTH_SHARE * self.limits.budget_mm else replace(self.style, fit="facets")
 
     def is_divisible(self, slab: Slab) -> bool:
         """Whether both halves of a layer would be as thick as they must be."""
@@ -141,11 +152,11 @@ class LayerSearch:
 
 
 def extruded_walls(mesh: Mesh, layers: Sequence[tuple[Section, Section]], *, style: ContourStyle) -> list[LayerWalls]:
-    """Walls straight along the normal from the bottom section of each layer, from the top one where the bottom is empty.
+    """Walls straight along the normal from the larger of both sections of each layer.
 
     layers : bottom (cut "above") and top (cut "below"), in parallel planes.  Source: paper §IV, zero order approximation.
     """
-    used = [bottom if bottom.loops else top for bottom, top in layers]
+    used = [max(pair, key=lambda section: section.area_mm2) for pair in layers]
     fitted = section_curves_many(used, mesh, style)
     found = []
     for (bottom, top), section, curves in zip(layers, used, fitted, strict=True):

@@ -14,9 +14,9 @@ from planner.mesh.nearest import FacetTree
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SPACING_FRACTION = 1.0 / 150.0
+SPACING_FRACTION = 1.0 / 100.0
 """Of the smaller diagonal: how far apart samples on a facet are at most, up to MOST_PARTS in a side."""
-MOST_PARTS = 40
+MOST_PARTS = 24
 """Parts of a facet's side at most."""
 
 

@@ -75,14 +75,24 @@ def wall_tables(surface: RuledSurface, chord_mm: float) -> tuple[RingTable, Ring
     edges = surface.curve0.breaks
     counts = np.maximum(_counts(surface.curve0, chord_mm), _counts(surface.curve1, chord_mm))
     ends = [curve.evaluate(edges) for curve in (surface.curve0, surface.curve1)]
-    twist = np.linalg.norm(np.diff(ends[1] - ends[0], axis=0), axis=1)
-    across = np.minimum(*(np.linalg.norm(np.diff(points, axis=0), axis=1) for points in ends))
-    counts = np.maximum(counts, np.where(across > 0.0, np.minimum(np.ceil(twist / (4.0 * chord_mm)), _MOST_PARTS), 1.0))
+    counts = np.maximum(counts, np.clip(np.ceil(_warps(*ends) / (4.0 * chord_mm)), 1.0, _MOST_PARTS))
     parts = counts.astype(np.int64)
     first = np.cumsum(parts) - parts
     share = (np.arange(int(parts.sum())) - np.repeat(first, parts)) / np.repeat(parts, parts)
     u = np.append(np.repeat(edges[:-1], parts) + share * np.repeat(np.diff(edges), parts), edges[-1])
     return ring_table(u, surface.curve0.evaluate(u)), ring_table(u, surface.curve1.evaluate(u))
+
+
+def _warps(low: Floats, high: Floats) -> Floats:
+    """How far, mm, the four corners of each piece of a wall are from a parallelogram, across the piece.
+
+    Two triangles miss the bilinear surface through the corners by a quarter of it.  low, high : (k + 1, 3) float, mm
+    """
+    rising, falling = high[1:] - low[:-1], low[1:] - high[:-1]
+    normal = np.cross(rising, falling)
+    size = np.linalg.norm(normal, axis=1)
+    warp = np.abs(np.einsum("ij,ij->i", (high[1:] - high[:-1]) - (low[1:] - low[:-1]), normal))
+    return np.asarray(np.divide(warp, size, out=np.zeros_like(warp), where=size > 0.0))
 
 
 def _counts(curve: Curve, chord_mm: float) -> Floats:
