@@ -13,7 +13,7 @@ from planner.matching.walls import Rim, RuledWall, joined, plane_axes, rim_of
 from planner.mesh.mesh import Mesh
 from planner.nurbs.curve import Curve
 from planner.nurbs.ruled import RuledSurface
-from planner.slicing.contours import ContourStyle, section_curves_many
+from planner.slicing.contours import ContourStyle, fitted_curves
 from planner.slicing.section import Section
 from planner.slicing.slicer import slice_mesh
 
@@ -92,7 +92,7 @@ def _opened(
     if len(pairs) != len(numbers):
         return None
     try:
-        curves = [found.curve for found in section_curves_many([section], mesh, style)[0]]
+        curves = fitted_curves([section], mesh, style)[0]
         other = rim_of(mesh, section, curves, plane_axes(bottom, top)[0 if begins else 1], style.crease_deg)
     except FitError:
         return None

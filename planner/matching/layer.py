@@ -17,7 +17,7 @@ from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh
 from planner.nurbs.curve import Curve
 from planner.nurbs.ruled import RuledSurface
-from planner.slicing.contours import ContourStyle, section_curves_many
+from planner.slicing.contours import ContourStyle, fitted_curves
 from planner.slicing.section import Section
 
 Floats = NDArray[np.float64]
@@ -42,8 +42,7 @@ def stack_walls(
 ) -> list[LayerWalls]:
     """`layer_walls` of many layers, each a bottom and a top section; all contours are fitted in one pass."""
     used = [sections_apart(mesh, bottom, top) for bottom, top in layers]
-    fitted = section_curves_many([section for pair in used for section in pair], mesh, style)
-    curves = [[found.curve for found in section] for section in fitted]
+    curves = fitted_curves([section for pair in used for section in pair], mesh, style)
     return [
         _walls(mesh, given, apart, (curves[2 * k], curves[2 * k + 1]), style)
         for k, (given, apart) in enumerate(zip(layers, used, strict=True))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -36,7 +37,9 @@ CREASE_DEG = 35.0
 """Edges of the mesh that bend more are creases: a dodecagon still reads as a circle, an octagon as itself."""
 REGION_MM = 5e-4  # chord error of regions made of curves: a hundredth of a finish pass's allowance
 _COLLINEAR_MM = 1e-6  # points that only a facet's diagonal made lie this near to the line of their neighbours
+LOT_POINTS = 50_000  # of sections that are fitted or measured together: enough to share the fixed cost, 100 MB
 _SAMPLES_PER_SIDE = 8  # a cubic piece bends once or twice: its extremes lie between these
+_LONG_SIDES, _SAMPLES_BEYOND = 4, 2  # a piece past more sides than this bends little at each: so many are enough
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,8 @@ class ContourStyle:
 class SectionCurve:
     """One loop of a section as a curve in space.
 
-    deviation_mm : largest distance between the curve and the loop's sides, both ways, measured at 8 points per side
+    deviation_mm : largest distance between the curve and the loop's sides, both ways, measured at 8 points per side,
+        and at 2 where a piece of the curve runs along more than 16
     smooth_deviation_mm : largest distance, across the curve in its plane, from the curved PN triangles over the facets
         that it runs along, measured at the same points between the nodes; NaN for fit = "facets"
     """
@@ -66,6 +70,42 @@ class SectionCurve:
     curve: Curve
     deviation_mm: float
     smooth_deviation_mm: float
+
+
+_FITTED: WeakKeyDictionary[Section, dict[ContourStyle, list[Curve]]] = WeakKeyDictionary()
+
+
+def fitted_curves(sections: Sequence[Section], mesh: Mesh, style: ContourStyle = ContourStyle()) -> list[list[Curve]]:
+    """Every loop of every section as a curve, as `section_curves_many`, but not measured.
+
+    Fitted in lots of LOT_POINTS points, and kept as long as their section is. Raises as `section_curves_many`.
+    """
+    if style.fit not in ("surface", "facets"):
+        raise InputError(f"fit is {style.fit!r}", 'choose "surface" or "facets"')
+    new = [section for section in dict.fromkeys(sections) if style not in _FITTED.get(section, {})]
+    for lot in lots(new):
+        outline = Outline.of(lot)
+        made: Iterator[Curve] = iter(())
+        if len(outline.loop):
+            surface = smooth_surface(mesh, style.crease_deg)
+            made = iter((_along_surface if style.fit == "surface" else _along_facets)(outline, surface, style))
+        for section in lot:
+            _FITTED.setdefault(section, {})[style] = [next(made) for _ in section.loops]
+    return [_FITTED[section][style] for section in sections]
+
+
+def lots(sections: Sequence[Section]) -> Iterator[list[Section]]:
+    """The sections in order, in lots of about LOT_POINTS points: what is worked on at once takes 1 to 2 kB a point."""
+    lot: list[Section] = []
+    points = 0
+    for section in sections:
+        lot.append(section)
+        points += sum(len(loop.points) for loop in section.loops)
+        if points >= LOT_POINTS:
+            yield lot
+            lot, points = [], 0
+    if lot:
+        yield lot
 
 
 def section_curves_many(
@@ -79,19 +119,19 @@ def section_curves_many(
     own sides, densified to epsilon_mm (paper Eqs. 12, 13).
     Raises InputError for an unknown fit; FitError as `interpolate_many`.
     """
-    if style.fit not in ("surface", "facets"):
-        raise InputError(f"fit is {style.fit!r}", 'choose "surface" or "facets"')
-    outline = Outline.of(sections)
-    if not len(outline.loop):
-        return [[] for _ in sections]
-    surface = smooth_surface(mesh, style.crease_deg)
-    curves = (
-        _along_surface(outline, surface, style) if style.fit == "surface" else _along_facets(outline, surface, style)
-    )
-    errors, smooth_errors = measured(curves, outline, surface, style.fit == "surface")
-    found = [SectionCurve(*row) for row in zip(curves, errors.tolist(), smooth_errors.tolist(), strict=True)]
-    ends = np.cumsum([0, *(len(section.loops) for section in sections)])
-    return [found[first:last] for first, last in pairwise(ends.tolist())]
+    curves = fitted_curves(sections, mesh, style)
+    found: list[list[SectionCurve]] = []
+    for lot in lots(sections):
+        outline = Outline.of(lot)
+        if not len(outline.loop):
+            found += [[] for _ in lot]
+            continue
+        own = curves[len(found) : len(found) + len(lot)]
+        surface = smooth_surface(mesh, style.crease_deg)
+        errors = measured([curve for made in own for curve in made], outline, surface, style.fit == "surface")
+        rows = zip(*(column.tolist() for column in errors), strict=True)
+        found += [[SectionCurve(curve, *next(rows)) for curve in made] for made in own]
+    return found
 
 
 def section_curves(section: Section, mesh: Mesh, style: ContourStyle = ContourStyle()) -> list[tuple[Curve, float]]:
@@ -157,19 +197,20 @@ def measured(
 
 
 def _sample(curve: Curve, side_mm: float) -> Floats:
-    """Parameters, 8 per knot span and closer where a span is longer than the loop's mean side: (k,) float."""
+    """Parameters, 8 per knot span and more where a span is longer than the loop's mean side: (k,) float."""
     edges = curve.breaks
     reach = np.linalg.norm(np.diff(curve.evaluate(edges), axis=0), axis=1)
-    counts = np.ceil(_SAMPLES_PER_SIDE * np.maximum(reach / max(side_mm, 1e-300), 1.0))
+    sides = reach / max(side_mm, 1e-300)
+    counts = np.ceil(np.maximum(_SAMPLES_PER_SIDE * np.clip(sides, 1.0, _LONG_SIDES), _SAMPLES_BEYOND * sides))
     return divide_evenly(edges, counts.astype(np.intp))
 
 
-def region_of(section: Section, curves: Sequence[SectionCurve]) -> MultiPolygon:
+def region_of(section: Section, curves: Sequence[Curve]) -> MultiPolygon:
     """What the curves of a section enclose, in the section's plane coordinates (mm), within REGION_MM of them.
 
     curves : of the section's loops, in their order.
     """
-    rings = [section.flatten(found.curve.evaluate(found.curve.sample(REGION_MM)))[:-1] for found in curves]
+    rings = [section.flatten(curve.evaluate(curve.sample(REGION_MM)))[:-1] for curve in curves]
     holes: dict[int, list[Floats]] = {}
     for loop, ring in zip(section.loops, rings, strict=True):
         if loop.is_hole:
@@ -244,7 +285,12 @@ def _united_contours(layer: LayerRegion, mesh: Mesh, style: ContourStyle) -> tup
     smooth, own = None, float("nan")
     if style.fit == "surface":
         found = section_curves_many(sections, mesh, style)
-        smooth = united([region_of(section, curves) for section, curves in zip(sections, found, strict=True)]).boundary
+        smooth = united(
+            [
+                region_of(section, [item.curve for item in curves])
+                for section, curves in zip(sections, found, strict=True)
+            ]
+        ).boundary
         own = max((item.smooth_deviation_mm for curves in found for item in curves), default=0.0) + REGION_MM
     made = []
     for ring in curves_from_region(layer.region):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from shapely import MultiPolygon
 
 from planner.mesh.mesh import Mesh
-from planner.slicing.contours import ContourStyle, region_of, section_curves_many
+from planner.slicing.contours import ContourStyle, fitted_curves, region_of
 from planner.slicing.regions import Shapes
 from planner.slicing.section import Section
 
@@ -17,7 +17,7 @@ def fitted_shapes(mesh: Mesh, style: ContourStyle) -> Shapes:
     """
 
     def shapes(sections: list[Section]) -> list[MultiPolygon]:
-        curves = section_curves_many(sections, mesh, style)
+        curves = fitted_curves(sections, mesh, style)
         return [region_of(section, found) for section, found in zip(sections, curves, strict=True)]
 
     return shapes

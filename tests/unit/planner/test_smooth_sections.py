@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planner.mesh.mesh import Mesh
 from planner.nurbs.curve import Curve
 from planner.slicing import slice_mesh
-from planner.slicing.contours import ContourStyle, region_of, section_curves_many
+from planner.slicing.contours import ContourStyle, fitted_curves, region_of, section_curves_many
 from planner.slicing.section import Loop
 from tests.unit.planner import smooth_surfaces as known
 
@@ -131,7 +131,7 @@ def test_curves_lie_in_their_planes_and_run_with_the_material_on_their_left() ->
 def test_region_of_the_curves_has_the_true_area_where_the_polygon_has_less() -> None:
     shape = known.cylinder()
     section = slice_mesh(shape.mesh, np.array([[0.0, 0.0, 7.0, 0.0, 0.0, 1.0]]))[0]
-    region = region_of(section, section_curves_many([section], shape.mesh)[0])
+    region = region_of(section, fitted_curves([section], shape.mesh)[0])
     true_mm2 = np.pi * known.RADIUS**2
     assert abs(region.area - true_mm2) < 0.07 < 3.0 < true_mm2 - section.area_mm2
 
