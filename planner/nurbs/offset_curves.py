@@ -23,13 +23,13 @@ Ints = NDArray[np.int64]
 
 TOLERANCE_MM = 2e-4
 """Of offset curves from the exact offset: a fifth of the 1e-3 mm that is promised."""
-_CHORD_MM = 1e-3  # of the polygons that decide what splits, merges and vanishes; it moves no point of the result
+_CHORD_MM = 2e-3  # of the polygons that decide what splits, merges and vanishes; it moves no point of the result
 _FINE_MM = 1e-4  # of the second try
 _NEARER = 1.5  # times the errors of polygon and fit: what is nearer to the polygon than the distance less this is cut off
-_SLACK = 6.0  # times the chord error: by how much polygons may miss the distance
-_TINY = 30.0  # times the chord error: a shorter stretch may have no place between its neighbours
+_SLACK = 3.0  # times the chord error: by how much polygons may miss the distance
+_TINY = 15.0  # times the chord error: a shorter stretch may have no place between its neighbours
 _LENGTH_SHARE = 0.02  # by which curve and polygon may differ in length
-_STRAYED = 6.0  # times the chord error: stretches whose ends or lengths miss the polygon's by more are looked at closely
+_STRAYED = 4.0  # times the chord error: stretches whose ends or lengths miss the polygon's by more are looked at closely
 
 
 def offset_curves(

@@ -251,11 +251,13 @@ def _runs_on(limits: Floats, after: Ints, left: float, side: int, goal: int) -> 
     """Whether the offset runs on from one side to another near it, all sides of the way whole, none turned back."""
     turn = 0.0
     for _ in range(_NEAR):
-        turn += limits[side, 2]
-        if left * limits[side, 0] >= 1.0 or left * limits[side, 1] >= 1.0 or turn > _SAME_WAY:
+        if left * limits[side, 0] >= 1.0 or left * limits[side, 1] >= 1.0:
             return False
         if side == goal:
             return True
+        turn += limits[side, 2]
+        if turn > _SAME_WAY:
+            return False
         side = after[side]
     return False
 
