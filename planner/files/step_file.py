@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner.errors import FileFormatError
 from planner.nurbs.surface import Surface
@@ -16,6 +18,15 @@ if TYPE_CHECKING:
 
 _SEWN_CHORDS = 8.0
 """Sewing tolerance as a multiple of the model's chord error: the trimmed planes' edges are within 2 of the ruled faces'."""
+_POINT_MM = 1e-7  # OpenCascade's own measure of what is one point
+
+
+def open_cascade(name: str) -> Any:
+    """A module of OpenCascade's Python binding.  Raises FileFormatError, one line, where it is not installed."""
+    try:
+        return importlib.import_module(f"OCP.{name}")
+    except ImportError:
+        raise FileFormatError("STEP needs OpenCascade", "install the extra: pip install 'hybridcell[cad]'") from None
 
 
 def step_bytes(model: Approximation, name: str) -> bytes:
@@ -23,67 +34,73 @@ def step_bytes(model: Approximation, name: str) -> bytes:
 
     Raises FileFormatError where OpenCascade is not installed or cannot write it.
     """
-    try:
-        from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_Sewing
-        from OCP.IFSelect import IFSelect_ReturnStatus
-        from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
-    except ImportError:
-        raise FileFormatError("STEP needs OpenCascade", "install the extra: pip install 'hybridcell[cad]'") from None
-    sewing = BRepBuilderAPI_Sewing(_SEWN_CHORDS * model.chord_mm)
-    for layer in model.layers:
-        for wall in layer.walls:
-            surface = b_spline_surface(wall.surface.as_surface())
-            sewing.Add(BRepBuilderAPI_MakeFace(surface, 1e-7).Face())
-    for face in model.closed.faces:
-        sewing.Add(planar_face(face.rings))
-    sewing.Perform()
-    shape = solid_of(sewing.SewedShape())
-    writer = STEPControl_Writer()
-    writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+    control = open_cascade("STEPControl")
+    writer = control.STEPControl_Writer()
+    writer.Transfer(step_shape(model), control.STEPControl_StepModelType.STEPControl_AsIs)
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / f"{name}.step"
-        if writer.Write(str(target)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        if writer.Write(str(target)) != open_cascade("IFSelect").IFSelect_ReturnStatus.IFSelect_RetDone:
             raise FileFormatError("OpenCascade could not write the model as STEP", "write it as .stl or .glb")
         return target.read_bytes()
 
 
+def step_shape(model: Approximation) -> Any:
+    """All walls and planar faces of a model sewn: a solid where they close."""
+    builder = open_cascade("BRepBuilderAPI")
+    sewing = builder.BRepBuilderAPI_Sewing(_SEWN_CHORDS * model.chord_mm)
+    for layer in model.layers:
+        for wall in layer.walls:
+            surface = b_spline_surface(wall.surface.as_surface())
+            sewing.Add(builder.BRepBuilderAPI_MakeFace(surface, _POINT_MM).Face())
+    for face in model.closed.faces:
+        sewing.Add(planar_face(face.rings))
+    sewing.Perform()
+    return solid_of(sewing.SewedShape())
+
+
 def b_spline_surface(surface: Surface) -> Any:
     """A `Geom_BSplineSurface` of the same knots and control points."""
-    from OCP.Geom import Geom_BSplineSurface
-    from OCP.gp import gp_Pnt
-    from OCP.TColgp import TColgp_Array2OfPnt
-    from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
-
+    grid_of_points, row_of_numbers, row_of_counts = array_types()
+    point = open_cascade("gp").gp_Pnt
     net = surface.control_points
-    poles = TColgp_Array2OfPnt(1, net.shape[0], 1, net.shape[1])
+    poles = grid_of_points(1, net.shape[0], 1, net.shape[1])
     for i in range(net.shape[0]):
         for j in range(net.shape[1]):
-            poles.SetValue(i + 1, j + 1, gp_Pnt(*net[i, j].tolist()))
+            poles.SetValue(i + 1, j + 1, point(*net[i, j].tolist()))
     tables = []
     for knots in (surface.knots_u, surface.knots_v):
         values, times = np.unique(knots, return_counts=True)
-        reals, integers = TColStd_Array1OfReal(1, len(values)), TColStd_Array1OfInteger(1, len(values))
+        reals, integers = row_of_numbers(1, len(values)), row_of_counts(1, len(values))
         for k, (value, count) in enumerate(zip(values.tolist(), times.tolist(), strict=True), start=1):
             reals.SetValue(k, value)
             integers.SetValue(k, count)
         tables.append((reals, integers))
     (u, u_times), (v, v_times) = tables
-    return Geom_BSplineSurface(poles, u, v, u_times, v_times, surface.degree_u, surface.degree_v, False, False)
+    made = open_cascade("Geom").Geom_BSplineSurface
+    return made(poles, u, v, u_times, v_times, surface.degree_u, surface.degree_v, False, False)
 
 
-def planar_face(rings: tuple[Any, ...]) -> Any:
+def array_types() -> tuple[Any, Any, Any]:
+    """OpenCascade's grid of points, row of numbers and row of counts, as releases before 8 and from 8 on name them."""
+    old = open_cascade("TColgp")
+    if hasattr(old, "TColgp_Array2OfPnt"):
+        rows = open_cascade("TColStd")
+        return old.TColgp_Array2OfPnt, rows.TColStd_Array1OfReal, rows.TColStd_Array1OfInteger
+    new = open_cascade("collections")
+    return new.Array2_gp_Pnt, new.Array1_double, new.Array1_int
+
+
+def planar_face(rings: tuple[NDArray[np.float64], ...]) -> Any:
     """A trimmed plane; rings (n, 3) float, mm, the outer one first."""
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakePolygon
-    from OCP.gp import gp_Pnt
-
+    builder, point = open_cascade("BRepBuilderAPI"), open_cascade("gp").gp_Pnt
     wires = []
     for ring in rings:
-        polygon = BRepBuilderAPI_MakePolygon()
-        for point in ring.tolist():
-            polygon.Add(gp_Pnt(*point))
+        polygon = builder.BRepBuilderAPI_MakePolygon()
+        for place in ring.tolist():
+            polygon.Add(point(*place))
         polygon.Close()
         wires.append(polygon.Wire())
-    made = BRepBuilderAPI_MakeFace(wires[0], True)
+    made = builder.BRepBuilderAPI_MakeFace(wires[0], True)
     for wire in wires[1:]:
         made.Add(wire)
     return made.Face()
@@ -91,17 +108,14 @@ def planar_face(rings: tuple[Any, ...]) -> Any:
 
 def solid_of(shape: Any) -> Any:
     """The solid that a closed shell bounds; the shape itself where it does not close."""
-    from OCP.BRep import BRep_Tool
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp_Explorer
-    from OCP.TopoDS import TopoDS
-
-    shells = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_SHELL)
+    kind = open_cascade("TopAbs").TopAbs_ShapeEnum.TopAbs_SHELL
+    shells = open_cascade("TopExp").TopExp_Explorer(shape, kind)
     if not shells.More():
         return shape
-    shell = TopoDS.Shell(shells.Current())
+    topology = open_cascade("TopoDS").TopoDS
+    shell = getattr(topology, "Shell_s", None) or topology.Shell
+    found = shell(shells.Current())
     shells.Next()
-    if shells.More() or not BRep_Tool.IsClosed(shell):
+    if shells.More() or not open_cascade("BRep").BRep_Tool.IsClosed_s(found):
         return shape
-    return BRepBuilderAPI_MakeSolid(shell).Solid()
+    return open_cascade("BRepBuilderAPI").BRepBuilderAPI_MakeSolid(found).Solid()
