@@ -97,6 +97,7 @@ def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tu
         rule=recipe.layer_rule,
         side=recipe.tolerance_side,
         crease_deg=recipe.crease_deg,
+        style=ContourStyle.from_recipe(recipe),
     )
     levelled()
     regions = layer_regions(part, levels, fitted_shapes(part, ContourStyle.from_recipe(recipe)))

@@ -28,10 +28,15 @@ class WallDeviation:
 
     wall_to_mesh : (a,) float   of points of the walls from the mesh, 5 on each ruling measured
     mesh_to_wall : (b,) float   of the mesh's section points and vertices strictly inside the layer from the walls
+    rim_mm : of contours from the mesh in their own planes, and of the mesh's sections there from the walls: what no
+        thinner layer can better
+    is_swept : whether the largest of wall_to_mesh lies on a wall that goes straight, having no partner
     """
 
     wall_to_mesh: Floats
     mesh_to_wall: Floats
+    rim_mm: tuple[float, float] = (0.0, 0.0)
+    is_swept: bool = False
 
     @property
     def max_mm(self) -> float:
@@ -55,9 +60,30 @@ def wall_deviation(layer_walls: LayerWalls, mesh: Mesh, tree: FacetTree | None =
         return WallDeviation(np.empty(0), np.empty(0))
     body = wall_mesh(layer_walls)
     outward = (tree or FacetTree(mesh)).nearest(body.vertices)[0]
-    points = _inner_points(layer_walls, mesh)
-    inward = FacetTree(body).nearest(points)[0] if len(points) else np.empty(0)
-    return WallDeviation(outward, inward)
+    inner, rim_points = _mesh_points(layer_walls, mesh)
+    away = FacetTree(body).nearest(np.concatenate([inner, rim_points]))[0]
+    own, is_swept = _rims(layer_walls, outward)
+    return WallDeviation(outward, away[: len(inner)], (own, float(away[len(inner) :].max(initial=0.0))), is_swept)
+
+
+def _rims(layer_walls: LayerWalls, outward: Floats) -> tuple[float, bool]:
+    """Greatest distance of the contours in their own planes, mm, and whether the greatest of all is a swept wall's.
+
+    outward : (a,) float, mm, of the vertices of `wall_mesh`, wall by wall.
+    """
+    rim, worst, is_swept, start = 0.0, -1.0, False, 0
+    for wall in layer_walls.walls:
+        count = len(_SHARES) * _PER_PIECE * (len(wall.surface.curve0.breaks) - 1)
+        away = outward[start : start + count].reshape(len(_SHARES), -1)
+        start += count
+        swept = wall.how == "swept"
+        if not swept or (wall.bottom and not wall.top):
+            rim = max(rim, float(away[0].max()))
+        if not swept or (wall.top and not wall.bottom):
+            rim = max(rim, float(away[-1].max()))
+        if float(away.max()) > worst:
+            worst, is_swept = float(away.max()), swept
+    return rim, is_swept
 
 
 def wall_mesh(layer_walls: LayerWalls) -> Mesh:
@@ -88,19 +114,27 @@ def ring_triangles(surface: RuledSurface) -> tuple[Floats, Ints]:
     return grid.reshape(-1, 3), facets
 
 
-def _inner_points(layer_walls: LayerWalls, mesh: Mesh) -> Floats:
-    """Points of the mesh inside the layer: on three sections, and its vertices."""
+def _mesh_points(layer_walls: LayerWalls, mesh: Mesh) -> tuple[Floats, Floats]:
+    """Points of the mesh inside the layer, on three sections and its vertices; those of contours joined by rulings, in
+    the layer's planes."""
     bottom, top = layer_walls.bottom_plane, layer_walls.top_plane
     above, below = (mesh.vertices - bottom[:3]) @ bottom[3:], (top[:3] - mesh.vertices) @ top[3:]
     thickness = abs(float((top[:3] - bottom[:3]) @ bottom[3:]))
     margin = 1e-3 * thickness
-    points = [mesh.vertices[(above > margin) & (below > margin)]]
-    planes = np.array([_between(bottom, top, share) for share in _SHARES[1:-1]])
-    for section in slice_mesh(mesh, planes, "above"):
-        for loop in section.loops:
-            after = np.roll(loop.points, -1, axis=0)
-            points.append(np.concatenate([loop.points, 0.5 * (loop.points + after)]))
-    return np.concatenate(points)
+    inner = [mesh.vertices[(above > margin) & (below > margin)]]
+    planes = np.array([bottom, *(_between(bottom, top, share) for share in _SHARES[1:-1])])
+    low, *middle = slice_mesh(mesh, planes, "above")
+    high = slice_mesh(mesh, top[None], "below")[0]
+    inner += [_with_middles(loop.points) for section in middle for loop in section.loops]
+    ruled = [wall for wall in layer_walls.walls if wall.how != "swept"]
+    rims = [low.loops[number] for wall in ruled for number in wall.bottom]
+    rims += [high.loops[number] for wall in ruled for number in wall.top]
+    return np.concatenate(inner), np.concatenate([np.empty((0, 3)), *(_with_middles(loop.points) for loop in rims)])
+
+
+def _with_middles(points: Floats) -> Floats:
+    """(2n, 3) float, mm   Corners of a closed polygon and the middles of its sides."""
+    return np.concatenate([points, 0.5 * (points + np.roll(points, -1, axis=0))])
 
 
 def _between(bottom: Floats, top: Floats, share: float) -> Floats:

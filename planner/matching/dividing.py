@@ -12,7 +12,7 @@ from planner.matching.layer import SURFACE_STYLE, layer_walls
 from planner.matching.walls import LayerWalls
 from planner.mesh.mesh import Mesh
 from planner.slicing.contours import ContourStyle
-from planner.slicing.critical import LEVEL_FRACTION, critical_heights
+from planner.slicing.critical import critical_heights
 from planner.slicing.section import Section
 from planner.slicing.slicer import slice_mesh
 
@@ -78,24 +78,10 @@ def _apart(mesh: Mesh, bottom: Section, top: Section, style: ContourStyle, halvi
 def event_heights(mesh: Mesh, normal: Floats) -> Floats:
     """Heights (k,) mm, ascending, at which contours across `normal` change their number or jump; kept as long as the mesh.
 
-    Those of `critical_heights`, and of level edges whose two facets both rise or both fall: there a contour gets a
-    slot or a tongue of no width, even where it stays one contour (a bore that opens into a face).
+    Those of `critical_heights`.
     """
     known = _events.setdefault(mesh, {})
     key = (float(normal[0]), float(normal[1]), float(normal[2]))
     if key not in known:
-        height = mesh.vertices @ normal
-        known[key] = np.unique(np.concatenate([critical_heights(mesh, normal), _folds(mesh, height)]))
+        known[key] = critical_heights(mesh, normal)
     return known[key]
-
-
-def _folds(mesh: Mesh, height: Floats) -> Floats:
-    """Heights of level edges whose facets lie both above or both below them."""
-    used = height[mesh.facets]
-    touch = LEVEL_FRACTION * float(used.max() - used.min())
-    mate = np.where(mesh.adjacency >= 0, mesh.half_edge_mates.reshape(-1, 3), 0)
-    rise = np.roll(used, -2, axis=1) - used
-    across = used.ravel()[mate // 3 * 3 + (mate % 3 + 2) % 3] - used
-    level = (np.abs(np.roll(used, -1, axis=1) - used) <= touch) & (mesh.adjacency >= 0)
-    fold = level & (np.abs(rise) > touch) & (np.abs(across) > touch) & ((rise > 0.0) == (across > 0.0))
-    return np.unique(used[fold])

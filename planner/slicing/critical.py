@@ -18,13 +18,15 @@ rounding of 32-bit coordinates."""
 
 
 def critical_heights(mesh: Mesh, direction: ArrayLike) -> Floats:
-    """Heights of level faces and of vertices where the section's topology changes: minima, maxima and saddles.
+    """Heights of level faces and folds, and of vertices where the section's topology changes: minima, maxima and saddles.
 
     direction : (3,) float, any length.  Returns (k,) float, mm, ascending b·p, none nearer to another than the level's
     tolerance; the part's lowest and highest point are among them.
 
     Connected vertices of one height count as one place. A place is regular if the facets around it that leave its level
     fall into one run above and one below; with no run below it is a minimum, with none above a maximum, else a saddle.
+    At a fold, a level edge whose two facets both rise or both fall, the outline gets a slot or a tongue of no width, even
+    where it stays one outline (a bore that opens into a face).
     Source: Banchoff, Critical points and curvature for embedded polyhedra, J. Diff. Geom. 1 (1967).
     Raises RecipeError for a direction without length.
     """
@@ -46,12 +48,23 @@ def critical_stations(mesh: Mesh, height: Floats) -> Floats:
     is_used = np.zeros(len(group), dtype=bool)
     is_used[group[mesh.facets]] = True
     critical = root & is_used & ((above != 1) | (below != 1) | level)
-    found = np.sort(height[critical])
+    found = np.sort(np.concatenate([height[critical], _folds(mesh, height, touch)]))
     found = np.concatenate([[used.min()], found, [used.max()]])
     kept = np.concatenate([[True], np.diff(found) > touch])
     values = found[kept]
     values[-1] = used.max()
     return np.asarray(values)
+
+
+def _folds(mesh: Mesh, height: Floats, touch: float) -> Floats:
+    """Heights of level edges whose facets lie both above or both below them: (f,) float, ascending."""
+    used = height[mesh.facets]
+    mate = np.where(mesh.adjacency >= 0, mesh.half_edge_mates.reshape(-1, 3), 0)
+    rise = np.roll(used, -2, axis=1) - used
+    across = used.ravel()[mate // 3 * 3 + (mate % 3 + 2) % 3] - used
+    level = (np.abs(np.roll(used, -1, axis=1) - used) <= touch) & (mesh.adjacency >= 0)
+    fold = level & (np.abs(rise) > touch) & (np.abs(across) > touch) & ((rise > 0.0) == (across > 0.0))
+    return np.unique(used[fold])
 
 
 @njit(cache=True)

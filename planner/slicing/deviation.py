@@ -33,10 +33,32 @@ class WallDeviations:
 
     deviation_mm : (k,) float   greatest distance from the wall to the mesh; 0 where there is no wall
     is_swept : (k,) bool        ruled walls: the greatest lies on a part that goes straight up or down, having no partner
+    share : (k,) float          the deviation over what is allowed, where that is known (see `planner.slicing.confirm`)
     """
 
     deviation_mm: Floats
     is_swept: NDArray[np.bool_]
+    share: Floats
+
+    @classmethod
+    def none(cls) -> WallDeviations:
+        """Of no slab."""
+        return cls(np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0))
+
+    def taken(self, rows: Ints) -> WallDeviations:
+        """Of some of the slabs.  rows : (j,) int64"""
+        return WallDeviations(self.deviation_mm[rows], self.is_swept[rows], self.share[rows])
+
+    def with_new(self, is_new: NDArray[np.bool_], other: WallDeviations) -> WallDeviations:
+        """The same with those of other slabs in some places.  is_new : (k,) bool, as many True as other has slabs"""
+        rows = np.arange(len(is_new))
+        rows[is_new] = len(is_new) + np.arange(int(is_new.sum()))
+        both = WallDeviations(
+            np.concatenate([self.deviation_mm, other.deviation_mm]),
+            np.concatenate([self.is_swept, other.is_swept]),
+            np.concatenate([self.share, other.share]),
+        )
+        return both.taken(rows)
 
 
 def wall_deviations(
@@ -73,7 +95,7 @@ def slab_deviations(
     """The same for any slabs, which need not follow each other.  slabs : lower and upper planes, (k, 6) float each."""
     known = tree or FacetTree(mesh)
     if not len(slabs[0]):
-        return WallDeviations(np.zeros(0), np.zeros(0, dtype=bool))
+        return WallDeviations.none()
     inset = INSIDE * mesh.diagonal
     lower, upper = slabs[0].copy(), slabs[1].copy()
     lower[:, :3] += inset * lower[:, 3:]
@@ -113,7 +135,7 @@ def _measure_extruded(
         distance = np.where((signed > 0.0) == (side == "outside"), distance, 0.0)
     greatest = np.zeros(count)
     np.maximum.at(greatest, slab, distance)
-    return WallDeviations(greatest, np.zeros(count, dtype=bool))
+    return WallDeviations(greatest, np.zeros(count, dtype=bool), np.full(count, np.nan))
 
 
 def _measure_ruled(
@@ -142,7 +164,7 @@ def _measure_ruled(
                 swept.append(~found)
     greatest, is_swept = np.zeros(len(bottoms)), np.zeros(len(bottoms), dtype=bool)
     if not starts:
-        return WallDeviations(greatest, is_swept)
+        return WallDeviations(greatest, is_swept, np.full(len(bottoms), np.nan))
     start, end, straight, slab, alone = (np.concatenate(parts) for parts in (starts, ends, straights, slabs, swept))
     away = _along_rulings(start, end, tree)
     doubtful = ~alone & (away > 0.1 * np.linalg.norm(straight - start, axis=1))
@@ -152,7 +174,7 @@ def _measure_ruled(
         away[doubtful] = np.minimum(otherwise, away[doubtful])
     np.maximum.at(greatest, slab, away)
     is_swept[slab[alone & (away >= greatest[slab])]] = True
-    return WallDeviations(greatest, is_swept)
+    return WallDeviations(greatest, is_swept, np.full(len(bottoms), np.nan))
 
 
 def _along_rulings(start: Floats, end: Floats, tree: FacetTree) -> Floats:

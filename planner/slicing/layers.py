@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from planner.errors import PlanningError
 from planner.mesh.mesh import Mesh
 from planner.slicing.confirm import Confirmed, Wanted
+from planner.slicing.contours import ContourStyle
 from planner.slicing.cusp import LayerRule, ToleranceSide
 from planner.slicing.thickness import confirmed_layers, layer_heights
 
@@ -61,11 +62,12 @@ def layer_levels(
     rule: LayerRule = "facet",
     side: ToleranceSide = "both",
     crease_deg: float = 35.0,
+    style: ContourStyle | None = None,
 ) -> tuple[Floats, list[str]]:
     """Levels of all layers of a mesh in its build frame: (n+1,) float mm from the lowest to the highest point, findings.
 
     min_mm == max_mm : even layers of at most that height; else the rule for layers between the bounds, and one finding
-    if the bounds leave a measured wall farther from the mesh than the cusp.
+    if a measured wall lies farther from the mesh than the cusp.  style : of the contours of ruled walls.
     Raises PlanningError if there would be more layers than a plan can hold.
     """
     height = float(mesh.bounds[1, 2] - mesh.bounds[0, 2])
@@ -79,19 +81,29 @@ def layer_levels(
     up = np.array([0.0, 0.0, 1.0])
     if rule == "facet":
         return layer_heights(mesh, up, cusp_mm, min_mm, max_mm), []
-    wanted = Wanted(cusp_mm, min_mm, max_mm, rule, side, crease_deg)
+    wanted = Wanted(cusp_mm, min_mm, max_mm, rule, side, crease_deg, style)
     found = confirmed_layers(mesh, up, wanted)
     return found.stations, _beyond(found, wanted)
 
 
 def _beyond(found: Confirmed, wanted: Wanted) -> list[str]:
-    """One finding for the layers whose walls the bounds keep from the cusp."""
-    off = found.deviation_mm > wanted.cusp_mm * (1.0 + 1e-9)
-    if not off.any():
-        return []
-    worst = int(np.argmax(found.deviation_mm))
-    return [
-        f"{int(off.sum())} of {len(off)} layers cannot be thin enough for the cusp of {wanted.cusp_mm:g} mm: their {wanted.rule} "
-        f"walls lie up to {found.deviation_mm[worst]:.3g} mm from the mesh, most between z {found.stations[worst]:.2f} and "
-        f"{found.stations[worst + 1]:.2f} mm"
-    ]
+    """One finding for the layers whose walls the bounds keep from the cusp, one for those whose contours do."""
+    findings = []
+    most = wanted.cusp_mm * (1.0 + 1e-9)
+    by_rim = (found.deviation_mm > most) & (found.share <= 1.0)
+    off = (found.deviation_mm > most) & ~by_rim
+    if off.any():
+        worst = int(np.argmax(np.where(off, found.deviation_mm, 0.0)))
+        findings.append(
+            f"{int(off.sum())} of {len(off)} layers cannot be thin enough for the cusp of {wanted.cusp_mm:g} mm: their "
+            f"{wanted.rule} walls lie up to {found.deviation_mm[worst]:.3g} mm from the mesh, most between z "
+            f"{found.stations[worst]:.2f} and {found.stations[worst + 1]:.2f} mm"
+        )
+    if by_rim.any():
+        worst = int(np.argmax(np.where(by_rim, found.deviation_mm, 0.0)))
+        findings.append(
+            f"{int(by_rim.sum())} of {len(off)} layers follow the smooth surface, which bulges up to "
+            f"{found.deviation_mm[worst]:.3g} mm over the mesh's facets, near z {found.stations[worst]:.2f} mm, more than the cusp "
+            f"of {wanted.cusp_mm:g} mm: give a finer mesh, a larger cusp or fit = facets"
+        )
+    return findings
