@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from planner.mesh.arcs import with_arc_ends
 from planner.mesh.crease import corner_normals, edge_bends, smooth_fans
 from planner.mesh.curvature import facet_curvatures
 from planner.mesh.mesh import Mesh
@@ -61,8 +62,8 @@ def smooth_surface(mesh: Mesh, crease_deg: float) -> SmoothSurface:
     """The smooth surface of a mesh; kept as long as the mesh is.
 
     Vertex normals are exact where the vertices lie on a sphere or on a surface of revolution with plane facets
-    (`corner_normals`); a face much wider than the strips beside it keeps its own normal along its border, and at the
-    tip of a cone each facet keeps its own.
+    (`corner_normals`); a face much wider than the strips beside it keeps its own normal along its border, at the tip of
+    a cone each facet keeps its own, and where the curvature jumps the edges end as arcs do (`with_arc_ends`).
     """
     known = _SURFACES.setdefault(mesh, {})
     if crease_deg not in known:
@@ -78,6 +79,7 @@ def _smooth_surface(mesh: Mesh, crease_deg: float) -> SmoothSurface:
     normals = corner_normals(mesh, crease_deg)
     normals = _with_flat_faces(mesh, flats, fans, normals)
     normals = _with_tips(mesh, creases | flats, fans, normals)
+    normals = with_arc_ends(mesh, flats, fans, normals)
     return SmoothSurface(mesh, float(np.radians(crease_deg)), bends, creases, flats, fans, normals)
 
 
