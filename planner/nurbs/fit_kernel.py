@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from planner.nurbs.handles import (
     five_point_curvatures,
     matched_handles,
-    quintic_bulges,
     speed_handles,
+    tangents_astray,
+    told_handles,
 )
 from planner.nurbs.segments import DUPLICATE_MM
 from planner.nurbs.tangents import (
@@ -42,7 +43,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-LONGEST = ROW - 5  # chords of one block: its points need two neighbours on both sides
+LONGEST = ROW - 8  # chords of one block, which is computed with one more on both sides and their two neighbours each
 _STEP = LONGEST - 4  # chords of a block that others follow, so that the last has at least five
 _ROUNDING = 16.0 * 2.220446049250313e-16
 
@@ -97,7 +98,10 @@ def _load(
         r = at + slot - FIRST
         if cyclic or 0 <= r <= chords:
             row = first + r
-            row = row + total if row < 0 else (row - total if row >= total else row)
+            while row < 0:
+                row += total
+            while row >= total:
+                row -= total
             row = kept[row]
             w[POINT_X + slot] = points[row, 0]
             w[POINT_Y + slot] = points[row, 1]
@@ -186,8 +190,10 @@ def fit_block(
             mirrored_tangent(w, count + 1, count + 1, count)
     speed_handles(w, count)
     if matched:
-        quintic_bulges(w, count)
+        tangents_astray(w, count)
         matched_handles(w, count)
+        if curvatures.shape[0]:
+            told_handles(w, count)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -204,13 +210,15 @@ def _fit_run(
     while at < chords:
         count = chords - at if chords - at <= LONGEST else _STEP
         at_start, at_end = not cyclic and at == 0, not cyclic and at + count == chords
-        _load(w, points, kept, total, first, chords, cyclic, at, count)
+        lead = 0 if at_start else 1
+        whole = count + lead if at_end else count + lead + 1
+        _load(w, points, kept, total, first, chords, cyclic, at - lead, whole)
         if tangents.shape[0] or curvatures.shape[0]:
-            for k in range(count + 1):
-                rows[k] = kept[(first + at + k) % total]
-        fit_block(w, count, at_start, at_end, rows, tangents, curvatures, matched)
+            for k in range(whole + 1):
+                rows[k] = kept[(first + at - lead + k) % total]
+        fit_block(w, whole, at_start, at_end, rows, tangents, curvatures, matched)
         for k in range(count):
-            joint, slot = k + 1, k + FIRST
+            joint, slot = k + lead + 1, k + lead + FIRST
             c = first + at + k
             c = c if c < total else c - total
             if w[CUSP + joint] > 0.0 and w[GIVEN + joint] % 2 == 0.0 and not (at_start and k == 0):

@@ -7,13 +7,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planner.nurbs.tangents import (
+    ASTRAY,
     BEND_X,
     BEND_Y,
     BEND_Z,
-    BULGE,
     CHORD_X,
     CHORD_Y,
     CHORD_Z,
+    FITS,
     GIVEN,
     HANDLE_END,
     HANDLE_START,
@@ -28,13 +29,11 @@ from planner.nurbs.tangents import (
 
 Floats = NDArray[np.float64]
 
-_NEWTON_STEPS = 3
+_NEWTON_STEPS = 4
 _CONVERGED = 1e-8  # share of the chord
 _HANDLE_LOW, _HANDLE_HIGH = 0.2, 0.55  # share of the chord outside which a handle is of another branch of the solution
-_SMOOTH_CHANGE = 0.5  # largest share by which curvature may differ between the ends of a piece for both to be matched
-_EVEN = 0.65  # a chord that much shorter than its neighbour makes tangents and quintic doubtful
-_CLEARLY = 0.9  # share of equal speed's distance from the quintic that a middle may have
-_USUAL = 0.05  # ten times the error of equal speed on a circle, 0.021 (k h)² of its bulge, where k = |b| / 2
+_SURE = 1.0 / 36.0  # square of 1/6: by 12 the central differences are as long as the chord, 2 is for safety
+_SMOOTH = 0.02  # how much of the square of curvature's second difference the change must exceed
 _TINY = 1e-300
 
 
@@ -43,7 +42,7 @@ def _speed(square: float, along: float, length2: float) -> float:  # pragma: no 
     """The positive root of square alpha² + 12 along alpha - 36 length2 = 0, without cancellation."""
     root = np.sqrt(along * along + square * length2)
     forward = 6.0 * length2 / (root + max(along, 0.0))
-    return forward if along >= 0.0 else 6.0 * (root - along) / square
+    return float(forward if along >= 0.0 else 6.0 * (root - along) / square)
 
 
 def equal_speed(chord: Floats, tangent_start: Floats, tangent_end: Floats) -> Floats:
@@ -117,55 +116,82 @@ def five_point_curvatures(w: Floats, count: int) -> None:  # pragma: no cover - 
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def quintic_bulges(w: Floats, count: int) -> None:  # pragma: no cover - compiled
-    """BULGE = (a x middle)·b / |a| of the quintic through six points, for the chords a = 2 ... count + 1 of a block.
+def tangents_astray(w: Floats, count: int) -> None:  # pragma: no cover - compiled
+    """ASTRAY = |T x V|² of the joints 1 ... count + 1 of a block, mm²: how far tangents may be wrong.
 
-    w, count : as `tangents.measure_chords`   b : the curvature binormals TURN_* of both ends, added.
-    The quintic is over arc length, which each chord tells to fourth order with that curvature; middle is where half
-    of the chord's arc length is reached, from the chord's own middle.
+    w, count : as `tangents.measure_chords`, after the tangents   V = 7 (q1 + q2) - q0 - q3, twelve times the derivative
+    by the point's number to fourth order. On points evenly (or smoothly) spaced along a smooth curve T and V agree;
+    noise, uneven spacing, jumps of curvature and too few points part them.
     """
-    for j in range(count):
-        a, b, c, d, e = w[LENGTH + j], w[LENGTH + j + 1], w[LENGTH + j + 2], w[LENGTH + j + 3], w[LENGTH + j + 4]
-        nx, ny, nz = (
-            w[TURN_X + j + 1] + w[TURN_X + j + 2],
-            w[TURN_Y + j + 1] + w[TURN_Y + j + 2],
-            w[TURN_Z + j + 1] + w[TURN_Z + j + 2],
-        )
-        bend = (nx * nx + ny * ny + nz * nz) / 96.0
-        ax, ay, az = w[CHORD_X + j + 2], w[CHORD_Y + j + 2], w[CHORD_Z + j + 2]
-        px, py, pz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
-        y1 = -(w[CHORD_X + j + 1] * px + w[CHORD_Y + j + 1] * py + w[CHORD_Z + j + 1] * pz)
-        y0 = y1 - (w[CHORD_X + j] * px + w[CHORD_Y + j] * py + w[CHORD_Z + j] * pz)
-        y4 = w[CHORD_X + j + 3] * px + w[CHORD_Y + j + 3] * py + w[CHORD_Z + j + 3] * pz
-        y5 = y4 + w[CHORD_X + j + 4] * px + w[CHORD_Y + j + 4] * py + w[CHORD_Z + j + 4] * pz
-        h = 0.5 * (c + bend * (c * c * c))
-        x1, x4 = -h - (b + bend * (b * b * b)), h + (d + bend * (d * d * d))
-        x0, x5 = x1 - (a + bend * (a * a * a)), x4 + (e + bend * (e * e * e))
-        g = h * h
-        x14, x05, x01, x45 = x1 * x4, x0 * x5, x0 - x1, x4 - x5
-        x04, x15 = x0 - x4, x1 - x5
-        far0 = x14 * x5 / ((x0 * x0 - g) * x01 * x04 * (x0 - x5))
-        far1 = x05 * x4 / ((g - x1 * x1) * x01 * (x1 - x4) * x15)
-        far4 = x05 * x1 / ((x4 * x4 - g) * x04 * (x1 - x4) * x45)
-        far5 = x14 * x0 / ((g - x5 * x5) * (x0 - x5) * x15 * x45)
-        w[BULGE + j + 2] = -g * (y0 * far0 + y1 * far1 + y4 * far4 + y5 * far5) / c
+    for j in range(count + 1):
+        x = 7.0 * (w[CHORD_X + j + 1] + w[CHORD_X + j + 2]) - w[CHORD_X + j] - w[CHORD_X + j + 3]
+        y = 7.0 * (w[CHORD_Y + j + 1] + w[CHORD_Y + j + 2]) - w[CHORD_Y + j] - w[CHORD_Y + j + 3]
+        z = 7.0 * (w[CHORD_Z + j + 1] + w[CHORD_Z + j + 2]) - w[CHORD_Z + j] - w[CHORD_Z + j + 3]
+        tx, ty, tz = w[TANGENT_X + j + 1], w[TANGENT_Y + j + 1], w[TANGENT_Z + j + 1]
+        x, y, z = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
+        w[ASTRAY + j + 1] = x * x + y * y + z * z
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compiled
-    """Handle lengths of the chords 2 ... count + 1 that reproduce TURN_* at both ends; elsewhere they stay as they are.
+    """Handles of the chords 2 ... count + 1 that reproduce the curvature, where that is sure to be nearer to the curve.
 
-    w, count : as `tangents.measure_chords`, after `speed_handles` and `quintic_bulges`.
-    With a = P3 - P0, P1 = P0 + d0 T0, P2 = P3 - d1 T3:
-    1.5 k0 d0² = T0 x a - d1 (T0 x T3), 1.5 k1 d1² = a x T3 - d0 (T0 x T3), Newton from the even handles d0 = d1 that
-    solve their sum. Their difference is nearly singular: where Newton finds no small root the even ones stand.
-    A piece takes either only where its middle then lies nearer to the quintic through six points of the data,
-    or within ten times the error that equal speed makes on a circle, or where both curvatures are given; otherwise
-    (uneven points, inflections, curvature that jumps, coarse or noisy points) it keeps equal speed. All cross products
-    are taken along the sum of both ends' binormals.
-    Source: de Boor, Höllig, Sabin, High accuracy geometric Hermite interpolation, CAGD 4 (1987).
+    w, count : as `tangents.measure_chords`, after `speed_handles` and `tangents_astray`.
+    With a = P3 - P0, P1 = P0 + d T0, P2 = P3 - d T3 the sum of the conditions at both ends,
+    1.5 (k0 + k1) d² = T0 x a + a x T3 - 2 d (T0 x T3), has one positive root d. (Their difference, for d0 and d1 apart,
+    is nearly singular: with estimated curvatures it makes the curve worse.) Cross products are taken along the sum b
+    of both binormals.
+    A piece and both its neighbours must change by more at the middle than (1) tangents that are as wrong as they
+    disagree with central differences would move it, and (2) unresolved curvature would, which falls like the square of
+    its second difference. Otherwise (uneven points, inflections, curvature that jumps, coarse or noisy points) the
+    equal speed stands.
+    Source: de Boor, Hoellig, Sabin, High accuracy geometric Hermite interpolation, CAGD 4 (1987).
     """
     for j in range(count):
+        length = w[LENGTH + j + 2]
+        ax, ay, az = w[CHORD_X + j + 2], w[CHORD_Y + j + 2], w[CHORD_Z + j + 2]
+        tx, ty, tz = w[TANGENT_X + j + 1], w[TANGENT_Y + j + 1], w[TANGENT_Z + j + 1]
+        ux, uy, uz = w[TANGENT_X + j + 2], w[TANGENT_Y + j + 2], w[TANGENT_Z + j + 2]
+        nx, ny, nz = w[TURN_X + j + 1], w[TURN_Y + j + 1], w[TURN_Z + j + 1]
+        mx, my, mz = w[TURN_X + j + 2], w[TURN_Y + j + 2], w[TURN_Z + j + 2]
+        bx, by, bz = nx + mx, ny + my, nz + mz
+        square = bx * bx + by * by + bz * bz
+        dx, dy, dz = tx - ux, ty - uy, tz - uz
+        cross = (dy * az - dz * ay) * bx + (dz * ax - dx * az) * by + (dx * ay - dy * ax) * bz
+        both = length * ((ty * uz - tz * uy) * bx + (tz * ux - tx * uz) * by + (tx * uy - ty * ux) * bz)
+        root = np.sqrt(max(both * both + 1.5 * length * length * square * cross, 0.0))
+        even = length * cross / max(both + root, _TINY)
+        change = 0.375 * (even - w[HANDLE_START + j + 2]) * cross
+        x = w[BEND_X + j] - w[BEND_X + j + 1] - w[BEND_X + j + 2] + w[BEND_X + j + 3]
+        y = w[BEND_Y + j] - w[BEND_Y + j + 1] - w[BEND_Y + j + 2] + w[BEND_Y + j + 3]
+        z = w[BEND_Z + j] - w[BEND_Z + j + 1] - w[BEND_Z + j + 2] + w[BEND_Z + j + 3]
+        astray = max(w[ASTRAY + j + 1], w[ASTRAY + j + 2])
+        fits = (nx * bx + ny * by + nz * bz > 0.0) & (mx * bx + my * by + mz * bz > 0.0)
+        fits &= (even > _HANDLE_LOW * length) & (even < _HANDLE_HIGH * length)
+        fits &= abs(change) > _SMOOTH * length * length * length * (x * x + y * y + z * z)
+        fits &= change * change > _SURE * length * length * astray * square
+        w[FITS + j + 2] = 1.0 if fits else 0.0
+        w[HANDLE_END + j + 2] = even
+    w[FITS + 1], w[FITS + count + 2] = 1.0, 1.0
+    for j in range(count):
+        fits = w[FITS + j + 1] * w[FITS + j + 2] * w[FITS + j + 3] > 0.0
+        third = w[HANDLE_END + j + 2] if fits else w[HANDLE_START + j + 2]
+        w[HANDLE_START + j + 2] = third
+        w[HANDLE_END + j + 2] = third
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def told_handles(w: Floats, count: int) -> None:  # pragma: no cover - compiled
+    """Handles of the chords 2 ... count + 1 where both curvatures are given; elsewhere they stay as they are.
+
+    w, count : as `tangents.measure_chords`, after `matched_handles`.
+    1.5 k0 d0² = T0 x a - d1 (T0 x T3), 1.5 k1 d1² = a x T3 - d0 (T0 x T3), Newton from the d0 = d1 that solve their
+    sum, which stand where Newton finds no root near by.
+    Source: de Boor, Hoellig, Sabin, High accuracy geometric Hermite interpolation, CAGD 4 (1987).
+    """
+    for j in range(count):
+        if w[GIVEN + j + 1] < 2.0 or w[GIVEN + j + 2] < 2.0:
+            continue
         length = w[LENGTH + j + 2]
         ax, ay, az = w[CHORD_X + j + 2], w[CHORD_Y + j + 2], w[CHORD_Z + j + 2]
         tx, ty, tz = w[TANGENT_X + j + 1], w[TANGENT_Y + j + 1], w[TANGENT_Z + j + 1]
@@ -178,8 +204,10 @@ def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compil
         cross0 = (ty * az - tz * ay) * bx + (tz * ax - tx * az) * by + (tx * ay - ty * ax) * bz
         cross1 = (ay * uz - az * uy) * bx + (az * ux - ax * uz) * by + (ax * uy - ay * ux) * bz
         both = length * ((ty * uz - tz * uy) * bx + (tz * ux - tx * uz) * by + (tx * uy - ty * ux) * bz)
-        total, cross = k0 + k1, cross0 + cross1
-        even = cross / max(both + np.sqrt(max(both * both + total * cross, 0.0)), _TINY)
+        cross = cross0 + cross1
+        even = cross / max(both + np.sqrt(max(both * both + (k0 + k1) * cross, 0.0)), _TINY)
+        if not (k0 > 0.0 and k1 > 0.0 and _HANDLE_LOW < even < _HANDLE_HIGH):
+            continue
         d0, d1, change = even, even, 1.0
         for _ in range(_NEWTON_STEPS):
             first = k0 * d0 * d0 - cross0 + d1 * both
@@ -190,18 +218,7 @@ def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compil
             step1 = (second * a - first * both) * scale
             d0, d1 = d0 - step0, d1 - step1
             change = max(abs(step0), abs(step1))
-        goal, speed = w[BULGE + j + 2], w[HANDLE_START + j + 2] / length
-        bulge = 0.375 * speed * cross
-        usual = _USUAL * length * length * (bx * bx + by * by + bz * bz) * abs(bulge)
-        before, after = w[LENGTH + j + 1], w[LENGTH + j + 3]
-        told = (w[GIVEN + j + 1] >= 2.0) & (w[GIVEN + j + 2] >= 2.0)
-        limit = np.inf if told else max(_CLEARLY * abs(bulge - goal), usual)
-        similar = (k0 > 0.0) & (k1 > 0.0) & (abs(k0 - k1) <= _SMOOTH_CHANGE * max(k0, k1))
-        similar &= told | (min(min(before, after), length) >= _EVEN * max(max(before, after), length))
-        fair = similar & (even > _HANDLE_LOW) & (even < _HANDLE_HIGH) & (abs(0.375 * even * cross - goal) < limit)
-        good = similar & (change <= _CONVERGED) & (min(d0, d1) > _HANDLE_LOW) & (max(d0, d1) < _HANDLE_HIGH)
-        good &= abs(0.375 * (d0 * cross0 + d1 * cross1) - goal) < limit
-        d0 = d0 if good else (even if fair else speed)
-        d1 = d1 if good else (even if fair else speed)
+        if not (change <= _CONVERGED and min(d0, d1) > _HANDLE_LOW and max(d0, d1) < _HANDLE_HIGH):
+            d0, d1 = even, even
         w[HANDLE_START + j + 2] = d0 * length
         w[HANDLE_END + j + 2] = d1 * length

@@ -18,13 +18,14 @@ ROW = 128  # slots of one quantity: the whole table stays in the first-level cac
 FIRST = 2  # slot of the first chord of the stretch
 LONGEST = ROW - 8  # chords of one block, four more where a run ends soon after
 
-HANDLE_START, HANDLE_END, BULGE = 0, ROW, 2 * ROW
+HANDLE_START, HANDLE_END, FITS = 0, ROW, 2 * ROW
 TURN_X, TURN_Y, TURN_Z, GIVEN = 3 * ROW, 4 * ROW, 5 * ROW, 6 * ROW
-TANGENT_X, TANGENT_Y, TANGENT_Z, CUSP = 7 * ROW, 8 * ROW, 9 * ROW, 10 * ROW
-BEND_X, BEND_Y, BEND_Z, AREA, PRODUCT = 11 * ROW, 12 * ROW, 13 * ROW, 14 * ROW, 15 * ROW
-CHORD_X, CHORD_Y, CHORD_Z, LENGTH = 16 * ROW, 17 * ROW, 18 * ROW, 19 * ROW
-POINT_X, POINT_Y, POINT_Z = 20 * ROW, 21 * ROW, 22 * ROW
-QUANTITIES = 23
+ASTRAY = 7 * ROW
+TANGENT_X, TANGENT_Y, TANGENT_Z, CUSP = 8 * ROW, 9 * ROW, 10 * ROW, 11 * ROW
+BEND_X, BEND_Y, BEND_Z, AREA, PRODUCT = 12 * ROW, 13 * ROW, 14 * ROW, 15 * ROW, 16 * ROW
+CHORD_X, CHORD_Y, CHORD_Z, LENGTH = 17 * ROW, 18 * ROW, 19 * ROW, 20 * ROW
+POINT_X, POINT_Y, POINT_Z = 21 * ROW, 22 * ROW, 23 * ROW
+QUANTITIES = 24
 
 COLLINEAR = 1e-10  # sine of an angle below which neighbouring chords count as one straight line
 CUSP_SHARE = 1e-7  # share of the chords that must be left of V for it to have a direction
