@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import trimesh
-from trimesh.visual.material import PBRMaterial
+from trimesh.visual import material as materials
 
 from planner.errors import FileFormatError, InputError
 from planner.mesh.mesh import Mesh
@@ -57,22 +56,24 @@ def checked_suffix(path: Path) -> Path:
 
 def stl_bytes(mesh: Mesh) -> bytes:
     """Binary STL, mm."""
-    return bytes(mesh.to_trimesh().export(file_type="stl"))
+    body: Any = mesh.to_trimesh()
+    return bytes(body.export(file_type="stl"))
 
 
 def glb_bytes(model: Mesh, original: Mesh | None = None) -> bytes:
     """Binary glTF in metres, as glTF has it, with the nodes "model" and, if given, "original" (transparent)."""
-    scene = trimesh.Scene()
+    scene: Any = trimesh.Scene()
+    visual: Any = trimesh.visual
+    kinds: Any = materials
     for name, mesh, colour in (("model", model, _MODEL_COLOUR), ("original", original, _MESH_COLOUR)):
         if mesh is None:
             continue
-        body = mesh.to_trimesh()
+        body: Any = mesh.to_trimesh()
         body.apply_scale(1e-3)
-        material = PBRMaterial(
-            name=name, baseColorFactor=colour, metallicFactor=0.1, roughnessFactor=0.6,
-            alphaMode="OPAQUE" if colour[3] == 255 else "BLEND",
-        )  # fmt: skip
-        body.visual = trimesh.visual.TextureVisuals(material=material)
+        opaque = "OPAQUE" if colour[3] == 255 else "BLEND"
+        surface = kinds.PBRMaterial(
+            name=name, baseColorFactor=colour, metallicFactor=0.1, roughnessFactor=0.6, alphaMode=opaque
+        )
+        body.visual = visual.TextureVisuals(material=surface)
         scene.add_geometry(body, node_name=name, geom_name=name)
-    buffer = io.BytesIO(scene.export(file_type="glb"))
-    return buffer.getvalue()
+    return bytes(scene.export(file_type="glb"))

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.errors import FileFormatError
+from planner.nurbs.basis import Side
+from planner.nurbs.ruled import RuledSurface
 from planner.nurbs.surface import Surface
 
 if TYPE_CHECKING:
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
 _SEWN_CHORDS = 8.0
 """Sewing tolerance as a multiple of the model's chord error: the trimmed planes' edges are within 2 of the ruled faces'."""
+SIDES: tuple[Side, Side] = ("left", "right")
+_SMOOTH = 1e-5  # one less the cosine of a turn that counts as a corner: a quarter of a degree
 _POINT_MM = 1e-7  # OpenCascade's own measure of what is one point
 
 
@@ -35,6 +39,7 @@ def step_bytes(model: Approximation, name: str) -> bytes:
     Raises FileFormatError where OpenCascade is not installed or cannot write it.
     """
     control = open_cascade("STEPControl")
+    open_cascade("Message").Message.DefaultMessenger_s().ChangePrinters().Clear()  # it would talk on stdout
     writer = control.STEPControl_Writer()
     writer.Transfer(step_shape(model), control.STEPControl_StepModelType.STEPControl_AsIs)
     with tempfile.TemporaryDirectory() as folder:
@@ -50,12 +55,29 @@ def step_shape(model: Approximation) -> Any:
     sewing = builder.BRepBuilderAPI_Sewing(_SEWN_CHORDS * model.chord_mm)
     for layer in model.layers:
         for wall in layer.walls:
-            surface = b_spline_surface(wall.surface.as_surface())
-            sewing.Add(builder.BRepBuilderAPI_MakeFace(surface, _POINT_MM).Face())
+            for part in smooth_parts(wall.surface):
+                surface = b_spline_surface(part.as_surface())
+                sewing.Add(builder.BRepBuilderAPI_MakeFace(surface, _POINT_MM).Face())
     for face in model.closed.faces:
         sewing.Add(planar_face(face.rings))
     sewing.Perform()
     return solid_of(sewing.SewedShape())
+
+
+def smooth_parts(surface: RuledSurface) -> list[RuledSurface]:
+    """A ruled surface cut along the rulings at which either of its curves has a corner: faces without an edge inside."""
+    joints = surface.curve0.breaks[1:-1]
+    bent = np.zeros(len(joints), dtype=bool)
+    for curve in (surface.curve0, surface.curve1):
+        before, after = (curve.derivatives(joints, 1, side)[1] for side in SIDES)
+        lengths = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+        bent |= np.einsum("ij,ij->i", before, after) < (1.0 - _SMOOTH) * lengths
+        bent |= lengths <= 0.0
+    at = joints[bent]
+    if not len(at):
+        return [surface]
+    pairs = zip(surface.curve0.split(at), surface.curve1.split(at), strict=True)
+    return [RuledSurface(low, high) for low, high in pairs]
 
 
 def b_spline_surface(surface: Surface) -> Any:

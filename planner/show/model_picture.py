@@ -91,4 +91,4 @@ def _draw_layers(panel: Any, model: Approximation, turn: Floats) -> None:
                 seen = wall.surface.normals(u, v) @ turn[2] > 0.0
                 both = seen[:-1] & seen[1:]
                 lines.append(np.stack([points[:-1, :2], points[1:, :2]], axis=1)[both])
-    panel.add_collection(LineCollection(np.concatenate(lines), colors="black", linewidths=0.35, alpha=0.6))
+    panel.add_collection(LineCollection(list(np.concatenate(lines)), colors="black", linewidths=0.35, alpha=0.6))

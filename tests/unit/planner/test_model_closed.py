@@ -62,9 +62,7 @@ def assert_sound(made: Approximation, mesh: Mesh) -> None:
     body = model.to_trimesh()
     assert body.is_watertight and body.is_winding_consistent
     assert body.euler_number == mesh.to_trimesh().euler_number
-    solid = manifold3d.Manifold(
-        manifold3d.Mesh64(np.array(model.vertices), np.array(model.facets).astype(np.uint64))
-    )
+    solid = manifold3d.Manifold(manifold3d.Mesh64(np.array(model.vertices), np.array(model.facets).astype(np.uint64)))
     assert solid.status() == manifold3d.Error.NoError
     assert solid.volume() == pytest.approx(model.volume, rel=1e-6)
     assert not len(crossing_facets(model)[0])
@@ -73,7 +71,14 @@ def assert_sound(made: Approximation, mesh: Mesh) -> None:
 
 @pytest.mark.parametrize(
     ("shape", "cusp_mm", "most_layers"),
-    [(sphere, 0.16, 15), (cylinder, 0.05, 1), (cone, 0.05, 1), (lying_torus, 0.2, 8), (table, 0.05, 2), (stepped, 0.05, 4)],
+    [
+        (sphere, 0.16, 15),
+        (cylinder, 0.05, 1),
+        (cone, 0.05, 1),
+        (lying_torus, 0.2, 8),
+        (table, 0.05, 2),
+        (stepped, 0.05, 4),
+    ],
 )
 def test_a_model_is_watertight_and_within_the_cusp(shape: Callable[[], Mesh], cusp_mm: float, most_layers: int):
     mesh = shape()
