@@ -87,7 +87,11 @@ def plan(
 
 
 def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tuple[list[LayerRegion], list[str]]:
-    """The layers of a part in its build frame, and what was found.  levelled : told when their heights are known."""
+    """The layers of a part in its build frame, and what was found.  levelled : told when their heights are known.
+
+    The recipe's tolerance_side counts for the thickness of layers always, for their outlines where nothing is milled
+    afterwards; cutters need metal wherever the part is, so hybrid and milled layers are the union of their sections.
+    """
     recipe = settings.recipe
     levels, notes = layer_levels(
         part,
@@ -100,7 +104,8 @@ def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tu
         style=ContourStyle.from_recipe(recipe),
     )
     levelled()
-    regions = layer_regions(part, levels, fitted_shapes(part, ContourStyle.from_recipe(recipe)))
+    side = recipe.tolerance_side if recipe.process == "deposit" else "outside"
+    regions = layer_regions(part, levels, fitted_shapes(part, ContourStyle.from_recipe(recipe)), side)
     _refuse_empty(regions)
     return regions, notes
 
@@ -188,6 +193,12 @@ def _body_and_findings(mesh: object) -> tuple[Mesh, list[str]]:
 def _refuse_empty(regions: list[LayerRegion]) -> None:
     """Raise PlanningError where a layer holds nothing: what is above it would float."""
     for region in regions:
+        if region.region.is_empty and not all(area.is_empty for area in region.areas):
+            raise PlanningError(
+                f"no outline lies on the side that the recipe asks for ({region.side}) all the way from z "
+                f"{region.z_bottom:.3f} to {region.z_top:.3f} mm",
+                "choose thinner layers or tolerance_side = outside",
+            )
         if region.region.is_empty:
             raise PlanningError(
                 f"nothing of the part lies between z {region.z_bottom:.3f} and {region.z_top:.3f} mm, but something above",

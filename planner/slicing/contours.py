@@ -27,7 +27,7 @@ from planner.recipe import Recipe
 from planner.slicing.chain import chain_of
 from planner.slicing.nearness import nearest_sides
 from planner.slicing.nodes import Outline, lifted_nodes
-from planner.slicing.regions import LayerRegion, is_same, united
+from planner.slicing.regions import LayerRegion, built_region, is_same
 from planner.slicing.section import Section
 
 Floats = NDArray[np.float64]
@@ -237,15 +237,15 @@ def layer_contours_many(
 ) -> list[tuple[Contour, ...]]:
     """The outlines of what each layer is built from, at its lower plane (build frame, mm).
 
-    Of one of its sections where that holds all others, with the mesh's own corners; else of their union.
+    Of one of its sections where the layer is built from it, with the mesh's own corners; else of what they make together.
     """
-    chosen = [_ruling_section(layer) for layer in layers]
+    chosen = [_single_section(layer) for layer in layers]
     curves = section_curves_many([section for section in chosen if section is not None], mesh, style)
     following = iter(curves)
     found: list[tuple[Contour, ...]] = []
     for layer, section in zip(layers, chosen, strict=True):
         if section is None:
-            found.append(_united_contours(layer, mesh, style))
+            found.append(_combined_contours(layer, mesh, style))
             continue
         lowered = np.eye(4)
         lowered[2, 3] = layer.z_bottom - section.origin[2]
@@ -264,32 +264,33 @@ def layer_contours_many(
     return found
 
 
-def _ruling_section(layer: LayerRegion) -> Section | None:
-    """The section of a layer that holds its other sections; None if there is none."""
-    for section, area in zip((layer.bottom, layer.top, layer.middle), layer.areas, strict=True):
+def _single_section(layer: LayerRegion) -> Section | None:
+    """The section that a layer is built from; None if it is built from several."""
+    for section, area in zip((layer.bottom, layer.middle, layer.top), layer.areas, strict=True):
         if is_same(area, layer.region):
             return section
     return None
 
 
-def _united_contours(layer: LayerRegion, mesh: Mesh, style: ContourStyle) -> tuple[Contour, ...]:
-    """Contours of the union of a layer's sections.
+def _combined_contours(layer: LayerRegion, mesh: Mesh, style: ContourStyle) -> tuple[Contour, ...]:
+    """Contours of what a layer is built from, the union or the intersection of its sections.
 
-    Their deviation from the facets is the distance of their points from the outline of the united polygons; that from the
-    smooth surface is an upper bound: the distance from the outline of the united curves, the curves' own, REGION_MM.
+    Their deviation from the facets is the distance of their points from the outline of the polygons put together so; that
+    from the smooth surface is an upper bound: the distance from that of the curves, the curves' own, REGION_MM.
     """
     lift = np.eye(4)
     lift[2, 3] = layer.z_bottom
     sections = [layer.bottom, layer.middle, layer.top]
-    facets = united([section.to_shapely() for section in sections]).boundary
+    facets = built_region([section.to_shapely() for section in sections], layer.side).boundary
     smooth, own = None, float("nan")
     if style.fit == "surface":
         found = section_curves_many(sections, mesh, style)
-        smooth = united(
+        smooth = built_region(
             [
                 region_of(section, [item.curve for item in curves])
                 for section, curves in zip(sections, found, strict=True)
-            ]
+            ],
+            layer.side,
         ).boundary
         own = max((item.smooth_deviation_mm for curves in found for item in curves), default=0.0) + REGION_MM
     made = []

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 import shapely
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from planner.mesh.mesh import Mesh
+from planner.slicing.cusp import ToleranceSide
 from planner.slicing.section import Section
 from planner.slicing.slicer import slice_mesh
 
@@ -30,7 +31,7 @@ class LayerRegion:
     """One layer of the part in its build frame, mm.
 
     bottom, middle, top : sections just above the lower plane, half-way, and just below the upper plane
-    region : all that the layer's sections cover together
+    region : what the layer is built from, see `built_region`    side : where it may lie
     overlap_mm2, overhang_mm2 : paper Eq. 1: what of this layer's bottom rests on the layer below, and what does not
     """
 
@@ -44,6 +45,7 @@ class LayerRegion:
     region: MultiPolygon
     overlap_mm2: float
     overhang_mm2: float
+    side: ToleranceSide = "outside"
 
     @property
     def height_mm(self) -> float:
@@ -88,6 +90,31 @@ def united(areas: list[MultiPolygon]) -> MultiPolygon:
     return MultiPolygon([part for part in shapely.get_parts(whole) if part.geom_type == "Polygon"])
 
 
+def common(areas: list[MultiPolygon]) -> MultiPolygon:
+    """What all regions cover; one of them itself where they are the same or all others hold it."""
+    if not areas or any(area.is_empty for area in areas):
+        return MultiPolygon()
+    smallest = min(areas, key=lambda area: area.area)
+    if all(is_same(smallest, area) for area in areas):
+        return smallest
+    shared = reduce(lambda first, second: shapely.intersection(first, second, grid_size=_GRID_MM), areas)
+    if smallest.area - shared.area <= SAME_MM * smallest.length:
+        return smallest
+    return MultiPolygon([part for part in shapely.get_parts(shared) if part.geom_type == "Polygon"])
+
+
+def built_region(areas: Sequence[MultiPolygon], side: ToleranceSide) -> MultiPolygon:
+    """What a layer with upright walls is built from.
+
+    areas : what its bottom, middle and top sections enclose, mm
+    side : "outside" the part lies in the layer: the sections' union; "inside" the layer in the part: their intersection;
+    "both": the middle section, half of the step on each side.
+    """
+    if side == "both":
+        return areas[1]
+    return united(list(areas)) if side == "outside" else common(list(areas))
+
+
 Shapes = Callable[[list[Section]], list[MultiPolygon]]
 
 
@@ -96,11 +123,15 @@ def facet_shapes(sections: list[Section]) -> list[MultiPolygon]:
     return [section.to_shapely() for section in sections]
 
 
-def layer_regions(mesh: Mesh, levels: Floats, shapes_of: Shapes = facet_shapes) -> list[LayerRegion]:
+def layer_regions(
+    mesh: Mesh, levels: Floats, shapes_of: Shapes = facet_shapes, side: ToleranceSide = "outside"
+) -> list[LayerRegion]:
     """The layers between neighbouring levels; all sections come from two calls of the slicer.
 
     mesh : in the build frame   levels : (n+1,) float, mm, increasing
-    shapes_of : what sections enclose: their facets' sides, or curves that stand for them.
+    shapes_of : what sections enclose: their facets' sides, or curves that stand for them
+    side : where upright walls may lie, see `built_region`. What is milled afterwards needs the union: there must be metal
+    wherever the part is.
     """
     lower, upper = levels[:-1], levels[1:]
     inside = _INSIDE * float(levels[-1] - levels[0])
@@ -121,9 +152,10 @@ def layer_regions(mesh: Mesh, levels: Floats, shapes_of: Shapes = facet_shapes) 
                 middle=above[count + i],
                 top=below[i],
                 areas=areas,
-                region=united(list(areas)),
+                region=built_region(areas, side),
                 overlap_mm2=rests,
                 overhang_mm2=max(areas[0].area - rests, 0.0),
+                side=side,
             )
         )
     return layers
