@@ -157,7 +157,7 @@ def _reversed(table: Floats) -> Floats:
     """The coefficients of the same pieces run backward: of powers of 1 - t."""
     count = table.shape[1]
     turn = np.array([[comb(k, j) * (-1.0) ** j for k in range(count)] for j in range(count)])
-    return np.einsum("jk,pkd->pjd", turn, table)
+    return np.asarray(np.einsum("jk,pkd->pjd", turn, table))
 
 
 def _with_corners(table: Floats, first: Ints, owner: Ints) -> Source:

@@ -86,7 +86,7 @@ def _settle(
 def _runs_along(points: Floats, after: Ints, side: int, ux: float, uy: float) -> bool:  # pragma: no cover
     """Whether a side runs more along a direction than against it; a corner does."""
     a, b = points[side], points[after[side]]
-    return (b[0] - a[0]) * ux + (b[1] - a[1]) * uy >= 0.0
+    return bool((b[0] - a[0]) * ux + (b[1] - a[1]) * uy >= 0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -132,7 +132,7 @@ def _place(
     turn = table[p, 1, 1]
     middle = 0.5 * turn
     angle = middle + (angle - middle + np.pi) % (2.0 * np.pi) - np.pi
-    return min(max(angle / turn, 0.0), 1.0)
+    return float(min(max(angle / turn, 0.0), 1.0))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

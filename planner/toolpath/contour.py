@@ -12,6 +12,7 @@ from planner.nurbs.offset import inset
 from planner.nurbs.rings import curves_from_region
 from planner.plan import Pass
 from planner.process import Bead, Settings
+from planner.toolpath.corners import into_corners
 from planner.toolpath.fitting import Stretch
 from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
 
@@ -41,11 +42,14 @@ def contour_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settin
     """The contours of one layer, outermost first.
 
     grown : region to fill, allowance included, mm   z : of the surface that receives the beads.
-    The first bead's centre runs half a width inside the boundary, each further one a step inside the last.
+    The first bead's centre runs half a width inside the boundary, a little less in sharp corners, each further one a step
+    inside the last.
     """
     passes = []
     for number in range(settings.recipe.contours):
         centre = inset(grown, 0.5 * bead.width_mm + number * bead.step_mm)
+        if number == 0:
+            centre = into_corners(centre, bead, settings)
         for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
             loop = lifted(ring.curve, z)
             start = (_rightmost(loop) / loop.length + _GOLDEN * (layer + number)) % 1.0

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 
 UP: Floats = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
+_SAME_SHARE = 1e-9  # of the domain: parameters nearer than this to a knot mean the knot
 _LEAST_MM = 1e-6  # shorter stretches are left out: they have no direction
 _QUARTER = 4.0 / 3.0 * (np.sqrt(2.0) - 1.0)  # handle of a cubic quarter circle, radius 1; 2.7e-4 off at most
 
@@ -59,6 +60,10 @@ class Motion:
     def from_arc(self, s: float) -> tuple[Motion, Motion]:
         """The motion before and after an arc length strictly inside (0, length)."""
         u = float(self.tip.at_arc_length([s])[0])
+        inner = self.tip.breaks[1:-1]
+        if len(inner):
+            nearest = float(inner[np.argmin(np.abs(inner - u))])
+            u = nearest if abs(nearest - u) <= _SAME_SHARE * float(np.ptp(self.tip.domain)) else u
         before, after = self.tip.split(u)
         if not isinstance(self.axis, Curve):
             return Motion(before, self.axis), Motion(after, self.axis)
