@@ -15,6 +15,7 @@ Mask = NDArray[np.bool_]
 
 LINE, ARC = 0, 1
 _LEAST_LINE, _LEAST_ARC = 2, 3  # chords: three points tell a line, four a circle
+_APART = 0.25  # share of a run's mean chord below which a chord's ends are one point: they tell nothing more
 _LARGEST_STEP = 0.8  # rad that an arc may turn from chord to chord: a square has its corners on a circle and is none
 _QUARTER = 0.5 * math.pi
 
@@ -34,11 +35,24 @@ def _circle(p: Floats, q: Floats, r: Floats, out: Floats) -> bool:  # pragma: no
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _are_apart(points: Floats, i: int, j: int, least: int) -> bool:  # pragma: no cover - compiled
+    """Whether at least so many chords of the points i ... j (cyclic) are not far shorter than the others."""
+    n, whole, count = len(points), 0.0, 0
+    for k in range(i, j):
+        whole += math.sqrt(((points[(k + 1) % n] - points[k % n]) ** 2).sum())
+    for k in range(i, j):
+        count += ((points[(k + 1) % n] - points[k % n]) ** 2).sum() >= (_APART * whole / (j - i)) ** 2
+    return bool(count >= least)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def _on_arc(points: Floats, i: int, j: int, tolerance: float, out: Floats) -> bool:  # pragma: no cover - compiled
     """Whether the points i ... j (cyclic) lie in order on one circle, its data in out."""
     n = len(points)
     last = j if j - i < n else j - (j - i) // 3
     if not _circle(points[i % n], points[(i + last) // 2 % n], points[last % n], out):
+        return False
+    if not _are_apart(points, i, j, _LEAST_ARC):
         return False
     before, start = np.zeros(3), True
     for k in range(i, j):
@@ -64,7 +78,7 @@ def _on_line(points: Floats, i: int, j: int, tolerance: float) -> bool:  # pragm
     n = len(points)
     along = points[j % n] - points[i % n]
     length2 = (along * along).sum()
-    if length2 <= 0.0:
+    if length2 <= 0.0 or not _are_apart(points, i, j, _LEAST_LINE):
         return False
     reached = 0.0
     for k in range(i + 1, j):
