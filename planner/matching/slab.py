@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
@@ -13,6 +15,9 @@ from planner.slicing.slicer import SNAP_FRACTION
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+_REMEMBERED = 3  # slabs of a mesh: bands go from one to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +39,40 @@ class Slab:
     count: int
 
 
+_SLABS: WeakKeyDictionary[Mesh, OrderedDict[tuple[bytes, bytes], Slab]] = WeakKeyDictionary()
+
+
 def slab_of(mesh: Mesh, bottom: Floats, top: Floats) -> Slab:
     """The slab between two planes and the pieces of surface in it.
 
     bottom, top : (6,) float, mm and unit normal.
     Open at both planes, as the slicer's sections "above" the bottom and "below" the top are: level faces in the planes
-    are outside. Two facets hang together where their common edge runs through the slab.
+    are outside. Two facets hang together where their common edge runs through the slab. The last few slabs of a mesh are
+    remembered: a layer's sections, matching and walls ask for the same one.
     """
-    snap_mm = SNAP_FRACTION * float(np.abs(mesh.bounds).max() + mesh.diagonal)
-    above = (mesh.vertices - bottom[:3]) @ bottom[3:]
-    below = (top[:3] - mesh.vertices) @ top[3:]
-    above[np.abs(above) <= snap_mm] = 0.0
-    below[np.abs(below) <= snap_mm] = 0.0
-    component, count = strip_components(mesh.facets, mesh.adjacency, above, below)
-    return Slab(bottom, top, above, below, component, int(count))
+    known = _SLABS.setdefault(mesh, OrderedDict())
+    key = (bottom.tobytes(), top.tobytes())
+    if key not in known:
+        snap_mm = SNAP_FRACTION * float(np.abs(mesh.bounds).max() + mesh.diagonal)
+        above = _heights(mesh.vertices, bottom, snap_mm)
+        below = -_heights(mesh.vertices, top, snap_mm)
+        component, count = strip_components(mesh.facets, mesh.adjacency, above, below)
+        known[key] = Slab(bottom, top, above, below, component, int(count))
+        if len(known) > _REMEMBERED:
+            known.popitem(last=False)
+    return known[key]
+
+
+@njit(cache=True)
+def _heights(vertices: Floats, plane: Floats, snap_mm: float) -> Floats:  # pragma: no cover
+    """Height of each vertex above a plane, mm; 0 within snap_mm."""
+    heights = np.empty(vertices.shape[0])
+    for v in range(vertices.shape[0]):
+        height = 0.0
+        for axis in range(3):
+            height += (vertices[v, axis] - plane[axis]) * plane[3 + axis]
+        heights[v] = height if abs(height) > snap_mm else 0.0
+    return heights
 
 
 @njit(cache=True)
@@ -73,9 +98,12 @@ def strip_components(facets: Ints, adjacency: Ints, above: Floats, below: Floats
     """
     component = np.full(facets.shape[0], -1, np.int64)
     stack = np.empty(facets.shape[0], np.int64)
+    reach = np.empty(above.shape[0], np.uint8)  # 1: above the bottom plane, 2: below the top plane
+    for v in range(above.shape[0]):
+        reach[v] = (1 if above[v] > 0.0 else 0) | (2 if below[v] > 0.0 else 0)
     count = 0
     for seed in range(facets.shape[0]):
-        if component[seed] >= 0:
+        if reach[facets[seed, 0]] | reach[facets[seed, 1]] | reach[facets[seed, 2]] != 3 or component[seed] >= 0:
             continue
         inside = False
         for j in range(3):

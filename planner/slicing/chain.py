@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.mesh.smooth import STORED
-from planner.slicing.nodes import Nodes, Outline
+from planner.mesh.smooth import STORED, SmoothSurface
+from planner.slicing.nodes import Outline, lifted_nodes, node_kinds
+from planner.slicing.thinning import thinned
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,21 +38,17 @@ class Chain:
     corners: Flags
 
 
-def chain_of(outline: Outline, nodes: Nodes, size_mm: float) -> Chain:
-    """The nodes that say something, made safe.
+def chain_of(outline: Outline, surface: SmoothSurface) -> Chain:
+    """The nodes that say something (`kept_nodes`, `thinned`), made safe.
 
-    size_mm : largest coordinate of the mesh, for the rounding of its numbers.
     A node goes back to where the facets have it, and loses its directions, where the smooth surface would lead the
     contour backwards or across itself: near a saddle or a grazing plane its section has another shape than the
     facets'. Where a long piece would leave a node at a much larger angle than it arrives at the next, all of the bend
     lies within the node (next to the tip of a cone): the node becomes a corner and the piece the arc of the far end.
     """
-    kept = np.flatnonzero(kept_nodes(outline, nodes, size_mm))
-    start = np.searchsorted(kept, outline.start).astype(np.int64)
-    after = np.arange(1, len(kept) + 1)
-    after[start[1:] - 1] = start[:-1]
-    points, tangents, corners = nodes.points[kept], nodes.tangents[kept], nodes.corners[kept].copy()
-    raw = outline.points[kept]
+    said = thinned(outline.taken(kept_nodes(outline, surface)), surface)
+    nodes, raw, after = lifted_nodes(said, surface), said.points, said.after
+    points, tangents, corners = nodes.points, nodes.tangents, nodes.corners
     for _ in range(3):
         chord = points[after] - points
         length = np.maximum(np.linalg.norm(chord, axis=1), 1e-300)[:, None]
@@ -65,7 +62,7 @@ def chain_of(outline: Outline, nodes: Nodes, size_mm: float) -> Chain:
             break
         points[wrong], tangents[wrong] = raw[wrong], np.nan
     _straighten(points, tangents, corners, after)
-    return Chain(start, points, tangents, corners)
+    return Chain(said.start, points, tangents, corners)
 
 
 def _straighten(points: Floats, tangents: Floats, corners: Flags, after: Ints) -> None:
@@ -91,13 +88,14 @@ def _mirrored(tangents: Floats, unit: Floats) -> Floats:
     return np.asarray(2.0 * np.einsum("nd,nd->n", tangents, unit)[:, None] * unit - tangents)
 
 
-def kept_nodes(outline: Outline, nodes: Nodes, size_mm: float) -> Flags:
+def kept_nodes(outline: Outline, surface: SmoothSurface) -> Flags:
     """Which points stay: all but those between facets of one plane that lie on the line of their neighbours.
 
-    size_mm : largest coordinate of the mesh, for the rounding of its numbers.   At least three points of a loop stay.
+    At least three points of a loop stay.
     """
-    keep = ~nodes.flat | nodes.corners
-    tolerance = max(_STRAIGHT_MM, 4.0 * STORED * size_mm)
+    corners, flat = node_kinds(outline, surface)
+    keep = ~flat | corners
+    tolerance = max(_STRAIGHT_MM, 4.0 * STORED * float(np.abs(surface.mesh.bounds).max()))
     counts = np.diff(outline.start)
     few = np.add.reduceat(keep, outline.start[:-1]) < 3 if len(counts) else np.zeros(0, dtype=bool)
     keep |= few[outline.loop]

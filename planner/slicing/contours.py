@@ -16,7 +16,7 @@ from shapely import MultiPolygon
 from planner.errors import InputError
 from planner.mesh.mesh import Mesh
 from planner.mesh.patch import distances_to_patches
-from planner.mesh.smooth import SmoothSurface, smooth_surface
+from planner.mesh.smooth import STORED, SmoothSurface, smooth_surface
 from planner.nurbs.curve import Curve
 from planner.nurbs.densify import densify, drop_collinear
 from planner.nurbs.fit import interpolate_many
@@ -26,7 +26,7 @@ from planner.plan import Contour
 from planner.recipe import Recipe
 from planner.slicing.chain import chain_of
 from planner.slicing.nearness import nearest_sides
-from planner.slicing.nodes import Outline, lifted_nodes
+from planner.slicing.nodes import Outline, node_kinds
 from planner.slicing.regions import LayerRegion, built_region, is_same
 from planner.slicing.section import Section
 
@@ -140,7 +140,7 @@ def section_curves(section: Section, mesh: Mesh, style: ContourStyle = ContourSt
 
 
 def _along_surface(outline: Outline, surface: SmoothSurface, style: ContourStyle) -> list[Curve]:
-    chain = chain_of(outline, lifted_nodes(outline, surface), float(np.abs(surface.mesh.bounds).max()))
+    chain = chain_of(outline, surface)
     parts = [slice(first, last) for first, last in pairwise(chain.start.tolist())]
     return interpolate_many(
         [chain.points[part] for part in parts],
@@ -148,11 +148,17 @@ def _along_surface(outline: Outline, surface: SmoothSurface, style: ContourStyle
         corners=[chain.corners[part] for part in parts],
         tangents=[chain.tangents[part] for part in parts],
         handles=style.handles,
+        arc_tolerance_mm=arc_tolerance_mm(surface.mesh),
     )
 
 
+def arc_tolerance_mm(mesh: Mesh) -> float:
+    """How near to one circle or line the nodes of an exact arc or line lie: the rounding of stored coordinates, mm."""
+    return 2.0 * STORED * float(max(np.abs(mesh.bounds).max(), mesh.diagonal))
+
+
 def _along_facets(outline: Outline, surface: SmoothSurface, style: ContourStyle) -> list[Curve]:
-    is_corner = lifted_nodes(outline, surface).corners
+    is_corner = node_kinds(outline, surface)[0]
     points, corners = [], []
     for first, last in pairwise(outline.start.tolist()):
         kept, index = drop_collinear(outline.points[first:last], _COLLINEAR_MM, closed=True)

@@ -28,6 +28,7 @@ class Outline:
     loop, start : (n,) int64, (k+1,) int64      the loop of each point; where each loop begins
     points, normal : (n, 3) float               mm; the unit normal of each point's plane
     facets, edges, weights                      as in `Loop`
+    behind : (n,) int64                         mesh facet of the segment that arrives at each point
     """
 
     loop: Ints
@@ -37,6 +38,7 @@ class Outline:
     facets: Ints
     edges: Ints
     weights: Floats
+    behind: Ints
 
     @classmethod
     def of(cls, sections: Sequence[Section]) -> Outline:
@@ -45,22 +47,31 @@ class Outline:
         counts = np.array([len(loop.points) for loop in loops], dtype=np.int64)
         planes = np.array([section.normal for section in sections for _ in section.loops]).reshape(-1, 3)
         number = np.repeat(np.arange(len(loops)), counts)
+        facets = np.concatenate([loop.facets for loop in loops]) if loops else np.empty(0, dtype=np.int64)
+        start = np.concatenate([[0], np.cumsum(counts)])
+        previous = np.arange(len(number)) - 1
+        previous[start[:-1]] = start[1:] - 1
         return cls(
             number,
-            np.concatenate([[0], np.cumsum(counts)]),
+            start,
             np.concatenate([loop.points for loop in loops]) if loops else np.empty((0, 3)),
             planes[number],
-            np.concatenate([loop.facets for loop in loops]) if loops else np.empty(0, dtype=np.int64),
+            facets,
             np.concatenate([loop.edges for loop in loops]) if loops else np.empty((0, 2), dtype=np.int64),
             np.concatenate([loop.weights for loop in loops]) if loops else np.empty(0),
+            facets[previous],
         )
 
-    @property
-    def before(self) -> Ints:
-        """(n,) int64: the point before each point, cyclically."""
-        previous = np.arange(len(self.loop)) - 1
-        previous[self.start[:-1]] = self.start[1:] - 1
-        return previous
+    def taken(self, keep: Flags) -> Outline:
+        """The points that are kept, loops in their order; facets are still those that begin and end at each point.
+
+        keep : (n,) bool   some of every loop
+        """
+        rows = np.flatnonzero(keep)
+        start = np.searchsorted(rows, self.start).astype(np.int64)
+        columns = (self.points, self.normal, self.facets, self.edges, self.weights, self.behind)
+        points, normal, facets, edges, weights, behind = (column[rows] for column in columns)
+        return Outline(self.loop[rows], start, points, normal, facets, edges, weights, behind)
 
     @property
     def after(self) -> Ints:
@@ -77,13 +88,25 @@ class Nodes:
     points   : (n, 3) float, mm   on the smooth surface and in the plane
     tangents : (n, 2, 3) float    unit, before and after the point; NaN where the surface tells none
     corners  : (n,) bool          the contour crosses a crease
-    flat     : (n,) bool          the point lies between facets of one plane and tells nothing
     """
 
     points: Floats
     tangents: Floats
     corners: Flags
-    flat: Flags
+
+
+def node_kinds(outline: Outline, surface: SmoothSurface) -> tuple[Flags, Flags]:
+    """Which points are corners, as the contour crosses a crease, and which lie between facets of one plane: (n,), (n,).
+
+    The latter tell nothing of the surface.
+    """
+    edge, at_vertex = _edges_met(outline, surface)
+    rows, on_edge = np.flatnonzero(at_vertex), np.flatnonzero(~at_vertex)
+    corners, flat = np.zeros(len(edge), dtype=bool), np.zeros(len(edge), dtype=bool)
+    corners[rows] = _at_vertices(outline, surface, rows)[1]
+    corners[on_edge] = surface.creases[outline.facets[on_edge], edge[on_edge]]
+    flat[on_edge] = surface.flats[outline.facets[on_edge], edge[on_edge]]
+    return corners, flat
 
 
 def lifted_nodes(outline: Outline, surface: SmoothSurface) -> Nodes:
@@ -94,23 +117,26 @@ def lifted_nodes(outline: Outline, surface: SmoothSurface) -> Nodes:
     moves in the plane, across the contour, instead of along the edge.
     Raises nothing.  Source: Vlachos et al., Curved PN triangles, I3D 2001.
     """
-    before = outline.before
-    facet, back = outline.facets, outline.facets[before]
-    edge = _edge_in(surface.mesh.facets[facet], outline.edges)
-    at_vertex = (outline.weights <= 0.0) | (outline.weights >= 1.0) | (edge < 0)
+    edge, at_vertex = _edges_met(outline, surface)
     points = outline.points.copy()
     normals = np.full((len(points), 2, 3), np.nan)
-    corners, flat = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
-    _at_vertices(outline, surface, np.flatnonzero(at_vertex), back, normals, corners)
+    corners = np.zeros(len(points), dtype=bool)
+    rows = np.flatnonzero(at_vertex)
+    normals[rows], corners[rows] = _at_vertices(outline, surface, rows)
     rows = np.flatnonzero(~at_vertex)
-    facet, edge = facet[rows], edge[rows]
+    facet, edge = outline.facets[rows], edge[rows]
     corners[rows] = surface.creases[facet, edge]
-    flat[rows] = surface.flats[facet, edge]
     points[rows], normals[rows] = _on_edges(outline, surface, rows, facet, edge)
     tangents = np.cross(outline.normal[:, None, :], normals)
     size = np.linalg.norm(tangents, axis=2)[:, :, None]
     tangents = np.divide(tangents, size, out=np.full_like(tangents, np.nan), where=size > _LEVEL)
-    return Nodes(points, tangents, corners, flat)
+    return Nodes(points, tangents, corners)
+
+
+def _edges_met(outline: Outline, surface: SmoothSurface) -> tuple[Ints, Flags]:
+    """Number of the edge that each point lies on in the facet that begins there, and whether it lies at its end."""
+    edge = _edge_in(surface.mesh.facets[outline.facets], outline.edges)
+    return edge, (outline.weights <= 0.0) | (outline.weights >= 1.0) | (edge < 0)
 
 
 def _edge_in(corners: Ints, edges: Ints) -> Ints:
@@ -121,19 +147,17 @@ def _edge_in(corners: Ints, edges: Ints) -> Ints:
     return np.where(hit.any(axis=1), hit.argmax(axis=1), -1)
 
 
-def _at_vertices(
-    outline: Outline, surface: SmoothSurface, rows: Ints, back: Ints, normals: Floats, corners: Flags
-) -> None:
-    """Normals before and after each slice point at a mesh vertex, and whether it is a corner; in place."""
+def _at_vertices(outline: Outline, surface: SmoothSurface, rows: Ints) -> tuple[Floats, Flags]:
+    """Normals before and after slice points at mesh vertices, (k, 2, 3), and whether they are corners, (k,)."""
     vertex = np.where(outline.weights[rows] >= 0.5, outline.edges[rows, 1], outline.edges[rows, 0])
-    fans = []
-    for side, facet in enumerate((back[rows], outline.facets[rows])):
+    normals, fans = np.empty((len(rows), 2, 3)), []
+    for side, facet in enumerate((outline.behind[rows], outline.facets[rows])):
         hit = surface.mesh.facets[facet] == vertex[:, None]
         has, corner = hit.any(axis=1), hit.argmax(axis=1)
-        normals[rows, side] = np.where(has[:, None], surface.normals[facet, corner], surface.mesh.normals[facet])
+        normals[:, side] = np.where(has[:, None], surface.normals[facet, corner], surface.mesh.normals[facet])
         fans.append(np.where(has, surface.fans[facet, corner], -1 - facet))
-    cosine = np.einsum("nd,nd->n", normals[rows, 0], normals[rows, 1])
-    corners[rows] = (fans[0] != fans[1]) | (cosine < np.cos(surface.crease_rad))
+    cosine = np.einsum("nd,nd->n", normals[:, 0], normals[:, 1])
+    return normals, np.asarray((fans[0] != fans[1]) | (cosine < np.cos(surface.crease_rad)))
 
 
 def _on_edges(outline: Outline, surface: SmoothSurface, rows: Ints, facet: Ints, edge: Ints) -> tuple[Floats, Floats]:

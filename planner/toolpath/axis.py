@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from shapely import MultiPolygon
 
 from planner.nurbs.curve import Curve
@@ -32,7 +32,12 @@ _TURN = np.cos(np.radians(25.0))  # tip paths that turn more from point to point
 
 
 def ruled_motions(
-    wall: Wall, excess_mm: float, below_mm: float, floor_z: float | None, settings: Settings, others: Sequence[Wall] = ()
+    wall: Wall,
+    excess_mm: float,
+    below_mm: float,
+    floor_z: float | None,
+    settings: Settings,
+    others: Sequence[Wall] = (),
 ) -> list[Motion]:
     """Closed tip curves with their axes along one ruled wall, outside in, the part on the right (climb milling).
 
@@ -179,14 +184,27 @@ def _is_free(tip: Floats, axis: Floats, wall: Floats, radius_mm: float) -> NDArr
 
     wall : (m, 3) float, mm, points of the wall's bottom and top.
     """
-    reach = float(np.linalg.norm(np.ptp(wall[:, 2])) + 3.0 * radius_mm)
-    near = cKDTree(wall).query_ball_point(tip, reach)
-    free = np.ones(len(tip), dtype=bool)
-    for k, members in enumerate(near):
-        away = wall[members] - tip[k]
-        along = away @ axis[k]
-        across2 = (away**2).sum(axis=1) - along**2
-        free[k] = not np.any((across2 < (radius_mm - _GOUGE_MM) ** 2) & (along > -_GOUGE_MM))
+    reach_mm = float(np.ptp(wall[:, 2]) + 3.0 * radius_mm)  # of the cutter
+    poses = [np.ascontiguousarray(array) for array in (tip, axis, wall)]
+    return np.asarray(_keeps_clear(*poses, radius_mm - _GOUGE_MM, reach_mm))
+
+
+@njit(cache=True)
+def _keeps_clear(
+    tip: Floats, axis: Floats, wall: Floats, radius_mm: float, reach_mm: float
+) -> NDArray[np.bool_]:  # pragma: no cover
+    """Which poses have no wall point within the radius of the axis above the tip, and within the reach of it: (n,) bool."""
+    free = np.ones(tip.shape[0], np.bool_)
+    for k in range(tip.shape[0]):
+        for w in range(wall.shape[0]):
+            along, away2 = 0.0, 0.0
+            for i in range(3):
+                away = wall[w, i] - tip[k, i]
+                along += away * axis[k, i]
+                away2 += away * away
+            if away2 <= reach_mm * reach_mm and along > -_GOUGE_MM and away2 - along * along < radius_mm * radius_mm:
+                free[k] = False
+                break
     return free
 
 
