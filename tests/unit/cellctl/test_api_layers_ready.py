@@ -23,7 +23,7 @@ PLANNED_S = 600.0  # a worker that gives way to whatever else the machine does
 @pytest.fixture
 def tall_part(web: Any, tmp_path: Path) -> str:
     """A leaning part of many layers in the store, put there without a worker."""
-    body = trimesh.creation.cylinder(9.0, 40.0, sections=96)
+    body = trimesh.creation.cylinder(9.0, 40.0, sections=48)
     vertices = np.asarray(body.vertices).copy()
     vertices[:, :2] *= 1.0 - 0.005 * (vertices[:, 2:] + 20.0)
     trimesh.Trimesh(vertices, body.faces).export(tmp_path / "tall.stl")

@@ -79,10 +79,10 @@ def test_contours_of_a_deposited_plan_lie_on_the_recipe_s_side_of_a_leaning_colu
 def test_contours_of_a_part_that_widens_upwards_are_those_of_the_section_that_the_side_asks_for(
     process: Literal["hybrid", "deposit"], side: Literal["outside", "inside", "both"], share: float
 ) -> None:
-    cone = trimesh.creation.cone(radius=12.0, height=12.0, sections=128)
-    cone.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1.0, 0.0, 0.0]))
-    kept = trimesh.intersections.slice_mesh_plane(cone, [0.0, 0.0, 1.0], [0.0, 0.0, -8.0], cap=True, engine="manifold")
-    made = plan(Mesh.from_trimesh(kept), Recipe(process=process, layer_height_mm=1.0, tolerance_side=side))
+    turned = np.linspace(0.0, 2.0 * np.pi, 128, endpoint=False)
+    rings = [np.column_stack([r * np.cos(turned), r * np.sin(turned), np.full(128, r - 4.0)]) for r in (4.0, 12.0)]
+    hull = trimesh.Trimesh(np.vstack(rings)).convex_hull
+    made = plan(Mesh.from_trimesh(hull), Recipe(process=process, layer_height_mm=1.0, tolerance_side=side))
     for layer in made.layers:
         width = float(np.ptp(layer.contours[0].curve.evaluate(np.linspace(0.0, 1.0, 801))[:, 0]))
         low, high = 4.0 + layer.bottom[2], 4.0 + layer.top[2]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -93,12 +95,13 @@ def test_distances_to_a_mesh_are_those_of_all_facets_one_by_one() -> None:
     mesh = Mesh.from_trimesh(body)
     points = np.random.default_rng(7).normal(size=(200, 3)) * 9.0
     count = len(mesh.facets)
-    feet = trimesh.triangles.closest_point(np.tile(mesh.corners, (200, 1, 1)), np.repeat(points, count, axis=0))
+    closest_point: Any = trimesh.triangles.closest_point
+    feet = closest_point(np.tile(mesh.corners, (200, 1, 1)), np.repeat(points, count, axis=0))
     truth = np.linalg.norm(feet.reshape(200, count, 3) - points[:, None], axis=2).min(axis=1)
     distance, facet, foot = FacetTree(mesh).nearest(points)
     np.testing.assert_allclose(distance, truth, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(points - foot, axis=1), distance, atol=1e-12)
-    again = trimesh.triangles.closest_point(mesh.corners[facet], points)
+    again = closest_point(mesh.corners[facet], points)
     np.testing.assert_allclose(again, foot, atol=1e-9)
 
 
