@@ -1,4 +1,4 @@
-"""Where a mesh passes through itself: pairs of facets from a tree of boxes, edges against facets."""
+"""Where a mesh passes through itself: sweep along one axis, then edges against facets."""
 
 from __future__ import annotations
 
@@ -7,27 +7,53 @@ from numba import njit
 
 from planner.mesh.facets import boxes_of
 from planner.mesh.mesh import Floats, Ints, Mesh
-from planner.mesh.nearest import LEAF, FacetTree
 
 DEPTH_FRACTION = 2e-6
 """How deep an edge must pierce a facet, as a fraction of the part's diagonal, to count: 30 times the rounding of
 32-bit coordinates (6e-8), so that what only touches is not reported, and 0.1 micrometre on a part of 50 mm."""
 MAX_COMPARISONS = 1_000_000_000
-"""Pairs compared before the check is given up (seconds); a part of a million facets needs a twentieth."""
+"""Boxes compared before the check is given up (about two seconds); a ball of a million facets needs a fiftieth."""
+_MAX_STRIPS = 4096
 
 
 def crossing_facets(mesh: Mesh) -> tuple[Ints, Floats, bool]:
-    """Pairs of facets that pass through each other, found where boxes of a `FacetTree` meet.
+    """Pairs of facets that pass through each other, by sweeping along one axis in strips across another.
 
     Returns (k, 2) int64 facets, (k, 3) float mm, a point of each crossing, and whether the check was completed.
-    Facets that share an edge, touch, or lie in one plane do not count. The time grows as n log n, however the facets lie.
+    Facets that share an edge, touch, or lie in one plane do not count.
     """
     low, high = boxes_of(mesh.vertices, mesh.facets)
-    tree = FacetTree(mesh)
-    pairs, places, comparisons = _meeting(
-        mesh.vertices, mesh.facets, mesh.normals, low, high, tree.order, tree.boxes, DEPTH_FRACTION * mesh.diagonal
+    width = (high - low).mean(axis=0) + 1e-300
+    across, along, _ = np.argsort(-mesh.size / width, kind="stable").tolist()
+    count = int(np.clip(mesh.size[across] / (2.0 * width[across]), 1, _MAX_STRIPS))
+    step = mesh.size[across] / count + 1e-300
+    first = np.clip(((low[:, across] - mesh.bounds[0, across]) / step).astype(np.int64), 0, count - 1)
+    last = np.clip(((high[:, across] - mesh.bounds[0, across]) / step).astype(np.int64), 0, count - 1)
+    order = np.argsort(low[:, along], kind="stable")
+    start, items = _strips(order, first, last, count)
+    depth_mm = DEPTH_FRACTION * mesh.diagonal
+    pairs, places, comparisons = _sweep(
+        mesh.vertices, mesh.facets, mesh.normals, low, high, start, items, first, along, depth_mm
     )
     return pairs, places, comparisons <= MAX_COMPARISONS
+
+
+@njit(cache=True)
+def _strips(order: Ints, first: Ints, last: Ints, count: int) -> tuple[Ints, Ints]:
+    """Facets of each strip, in the order given: items[start[s] : start[s + 1]]."""
+    start = np.zeros(count + 1, np.int64)
+    for f in order:
+        for s in range(first[f], last[f] + 1):
+            start[s + 1] += 1
+    for s in range(count):
+        start[s + 1] += start[s]
+    slot = start[:-1].copy()
+    items = np.empty(start[-1], np.int64)
+    for f in order:
+        for s in range(first[f], last[f] + 1):
+            items[slot[s]] = f
+            slot[s] += 1
+    return start, items
 
 
 @njit(cache=True)
@@ -49,81 +75,51 @@ def _boxes_apart(low: Floats, high: Floats, f: int, g: int) -> bool:
 
 
 @njit(cache=True)
-def _nodes_meet(boxes: Floats, first: int, second: int) -> bool:
-    meet = True
-    for axis in range(3):
-        meet &= boxes[first, 0, axis] <= boxes[second, 1, axis] and boxes[second, 0, axis] <= boxes[first, 1, axis]
-    return meet
-
-
-@njit(cache=True)
-def _meeting(
+def _sweep(
     vertices: Floats,
     facets: Ints,
     normals: Floats,
     low: Floats,
     high: Floats,
-    order: Ints,
-    boxes: Floats,
+    start: Ints,
+    items: Ints,
+    first: Ints,
+    along: int,
     depth_mm: float,
 ) -> tuple[Ints, Floats, int]:
     """Crossing pairs, their places and how many boxes were compared; gives up above MAX_COMPARISONS.
 
-    order, boxes : of a `FacetTree`. Each leaf looks in the tree for leaves from itself onward that meet its box.
+    A pair that meets in several strips counts in the first strip that holds both.
     """
-    pairs, places = np.empty((16, 2), np.int64), np.empty((16, 3), np.float64)
-    place, stack = np.empty(3, np.float64), np.empty(128, np.int64)
-    count, comparisons = 0, 0
-    leaves = boxes.shape[0] // 2
-    for leaf in range(leaves, leaves + (facets.shape[0] + LEAF - 1) // LEAF):
-        stack[0], top = 1, 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            comparisons += 1
-            if not _nodes_meet(boxes, leaf, node):
-                continue
-            if node < leaves:
-                stack[top], stack[top + 1] = 2 * node, 2 * node + 1
-                top += 2
-                continue
-            if node < leaf:
-                continue
-            for i in range((leaf - leaves) * LEAF, min((leaf - leaves + 1) * LEAF, facets.shape[0])):
-                from_place = i + 1 if node == leaf else (node - leaves) * LEAF
-                for k in range(from_place, min((node - leaves + 1) * LEAF, facets.shape[0])):
-                    f, g = order[i], order[k]
-                    if not _cross(vertices, facets, normals, low, high, f, g, depth_mm, place):
-                        continue
-                    if count == pairs.shape[0]:
-                        pairs = np.concatenate((pairs, np.empty_like(pairs)))
-                        places = np.concatenate((places, np.empty_like(places)))
-                    pairs[count, 0], pairs[count, 1] = min(f, g), max(f, g)
-                    places[count] = place
-                    count += 1
+    pairs = np.empty((16, 2), np.int64)
+    places = np.empty((16, 3), np.float64)
+    place = np.empty(3, np.float64)
+    count = 0
+    comparisons = 0
+    for s in range(start.shape[0] - 1):
+        for i in range(start[s], start[s + 1]):
+            f = items[i]
+            for k in range(i + 1, start[s + 1]):
+                g = items[k]
+                if low[g, along] > high[f, along]:
+                    break
+                comparisons += 1
+                if _boxes_apart(low, high, f, g) or max(first[f], first[g]) != s or _shared_corners(facets, f, g) >= 2:
+                    continue
+                if not (
+                    _edges_pierce(vertices, facets, normals, f, g, depth_mm, place)
+                    or _edges_pierce(vertices, facets, normals, g, f, depth_mm, place)
+                ):
+                    continue
+                if count == pairs.shape[0]:
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                    places = np.concatenate((places, np.empty_like(places)))
+                pairs[count, 0], pairs[count, 1] = min(f, g), max(f, g)
+                places[count] = place
+                count += 1
         if comparisons > MAX_COMPARISONS:
             break
     return pairs[:count], places[:count], comparisons
-
-
-@njit(cache=True)
-def _cross(
-    vertices: Floats,
-    facets: Ints,
-    normals: Floats,
-    low: Floats,
-    high: Floats,
-    f: int,
-    g: int,
-    depth_mm: float,
-    place: Floats,
-) -> bool:
-    """Whether two facets pass through each other, and where."""
-    if _boxes_apart(low, high, f, g) or _shared_corners(facets, f, g) >= 2:
-        return False
-    return _edges_pierce(vertices, facets, normals, f, g, depth_mm, place) or _edges_pierce(
-        vertices, facets, normals, g, f, depth_mm, place
-    )
 
 
 @njit(cache=True)
