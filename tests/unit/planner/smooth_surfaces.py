@@ -82,14 +82,14 @@ def icosphere(subdivisions: int) -> Shape:
     return Shape(Mesh.from_trimesh(made), lambda p: np.linalg.norm(p, axis=1) - RADIUS)
 
 
-def torus() -> Shape:
-    """48 x 24."""
+def torus(around: int = 48, rows: int = 24) -> Shape:
+    """A ring with so many facets around the axis and around the tube."""
 
     def point(u: float, v: float) -> tuple[float, float, float]:
         out = RING + TUBE * np.cos(2.0 * np.pi * v)
         return out * np.cos(u), out * np.sin(u), TUBE * np.sin(2.0 * np.pi * v)
 
-    return Shape(grid(point, 48, 24, True), lambda p: np.hypot(np.hypot(p[:, 0], p[:, 1]) - RING, p[:, 2]) - TUBE)
+    return Shape(grid(point, around, rows, True), lambda p: np.hypot(np.hypot(p[:, 0], p[:, 1]) - RING, p[:, 2]) - TUBE)
 
 
 def cylinder(rows: int = 1) -> Shape:
