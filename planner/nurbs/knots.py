@@ -8,6 +8,7 @@ Source: Ramshaw, Blossoms are polar forms, CAGD 6 (1989); results are those of P
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from planner.nurbs.basis import find_spans
@@ -77,15 +78,60 @@ def elevate_degree(degree: int, knots: Floats, points: Floats, times: int = 1) -
     Source: Piegl & Tiller ch. 5.5 (the values of A5.9).
     """
     for _ in range(times):
-        distinct, multiplicity = np.unique(knots, return_counts=True)
-        raised = np.repeat(distinct, multiplicity + 1)
-        arguments = np.lib.stride_tricks.sliding_window_view(raised[1:-1], degree + 1)
-        spans = _central_spans(degree, knots, raised, degree + 2)
-        total = np.zeros((len(arguments), points.shape[1]))
-        for skipped in range(degree + 1):
-            total += blossom(degree, knots, points, spans, np.delete(arguments, skipped, axis=1))
-        points, knots, degree = total / (degree + 1), raised, degree + 1
+        raised, grown = _raised(degree, knots, np.ascontiguousarray(points))
+        points, knots, degree = grown, raised, degree + 1
     return degree, knots, points
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _raised(degree: int, knots: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Knots, each once more often, and control points of the degree above.
+
+    The blossom of the raised curve at p + 1 knots is the mean of the old blossom's values with each of them left out,
+    on the span under the widest interval of the point's support (any is exact).
+    """
+    room = np.empty(2 * knots.size)
+    found = 0
+    for i in range(knots.size):
+        room[found] = knots[i]
+        found += 1
+        if i + 1 == knots.size or knots[i + 1] != knots[i]:
+            room[found] = knots[i]
+            found += 1
+    raised = room[:found].copy()
+    count, width = found - degree - 2, points.shape[1]
+    grown, net = np.zeros((count, width)), np.empty((degree + 1, width))
+    span = degree
+    for i in range(count):
+        wide = i
+        for j in range(i, i + degree + 2):
+            if raised[j + 1] - raised[j] > raised[wide + 1] - raised[wide]:
+                wide = j
+        span = _span_from(knots, span, raised[wide], degree)
+        for skipped in range(degree + 1):
+            for j in range(degree + 1):
+                for axis in range(width):
+                    net[j, axis] = points[span - degree + j, axis]
+            for r in range(1, degree + 1):
+                argument = raised[i + r] if r <= skipped else raised[i + r + 1]
+                for j in range(degree, r - 1, -1):
+                    low, high = knots[span - degree + j], knots[span + 1 + j - r]
+                    share = (argument - low) / (high - low)
+                    for axis in range(width):
+                        net[j, axis] = (1.0 - share) * net[j - 1, axis] + share * net[j, axis]
+            for axis in range(width):
+                grown[i, axis] += net[degree, axis] / (degree + 1)
+    return raised, grown
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _span_from(knots: Floats, span: int, low: float, degree: int) -> int:
+    """The non-empty span that starts at the knot `low`, sought from another span, which it may lie a few before."""
+    while span > degree and knots[span] > low:
+        span -= 1
+    while knots[span] < low or not knots[span + 1] > knots[span]:
+        span += 1
+    return span
 
 
 def _central_spans(degree: int, knots: Floats, refined: Floats, window: int) -> NDArray[np.intp]:
