@@ -19,6 +19,7 @@ _ARC_RAD = 2e-3  # by which an arc's end tangents may miss the offset's
 _LEAST_MM = 1e-4  # shorter pieces are not divided
 _DEPTH = 16  # halvings of a stretch; one that needs more runs back on itself and is none
 _NEWTON_STEPS = 20
+_STRAIGHT_MM = 1e-9  # by which a line may bend
 _FOOT_STEPS = 4
 _BESIDE = 0.01  # of the tolerance, both squared: a probe whose foot is that near adds nothing to its distance
 _GOOD_SHARE = 0.1  # of the tolerance: equal handles that fit as well as this are kept
@@ -28,11 +29,11 @@ _GOOD_SHARE = 0.1  # of the tolerance: equal handles that fit as well as this ar
 def _probe(
     table: Floats, is_corner: Mask, begin: int, low: int, count: int, start: float, end: float, left: float, rows: Floats
 ) -> None:  # pragma: no cover
-    """Places, tangents, speeds and curvatures at even steps from start to end: rows (_PROBES + 2, 6).
+    """Places, tangents, speeds and curvatures at even steps from start to end: rows (n, 6).
 
     Parameters count pieces from `begin` on, round the loop of `count` pieces that begins at `low`.
     """
-    last = _PROBES + 1
+    last = len(rows) - 1
     for k in range(last + 1):
         g = start + (end - start) * k / last
         number = int(np.floor(g))
@@ -189,6 +190,15 @@ def _one_piece(rows: Floats, tolerance: float, arcs: bool, net: Floats) -> bool:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _is_line(table: Floats, piece: int) -> bool:  # pragma: no cover
+    """Whether a piece of the source is straight and evenly run: its offset is a line between its ends' offsets."""
+    bends = abs(table[piece, 1, 2])
+    for k in range(2, table.shape[1]):
+        bends += abs(table[piece, k, 0]) + abs(table[piece, k, 1]) + abs(table[piece, k, 2])
+    return bool(bends <= _STRAIGHT_MM)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def fit_stretch(
     table: Floats, is_corner: Mask, begins: Mask, low: int, high: int, row: Floats, left: float, tolerance: float, arcs: bool
 ) -> tuple[Floats, bool]:  # pragma: no cover
@@ -203,7 +213,7 @@ def fit_stretch(
         end += count
     nets = np.empty((64, 4, 3))
     found, good = 0, True
-    rows = np.empty((_PROBES + 2, 6))
+    rows, few = np.empty((_PROBES + 2, 6)), np.empty((2, 6))
     ends = np.empty(_DEPTH + 2)
     at = start
     while at < end:
@@ -214,9 +224,14 @@ def fit_stretch(
         while depth:
             if found == len(nets):
                 nets = np.concatenate((nets, np.empty_like(nets)))
-            _probe(table, is_corner, begin, low, count, at, ends[depth - 1], left, rows)
-            fits = _one_piece(rows, tolerance, arcs, nets[found])
-            short = np.hypot(rows[-1, 0] - rows[0, 0], rows[-1, 1] - rows[0, 1]) < _LEAST_MM and _turning(rows) < _WIDEST
+            number = int(np.floor(at))
+            piece = low + (begin - low + number) % count
+            exact = ends[depth - 1] <= number + 1.0 and (_is_line(table, piece) if not is_corner[piece] else arcs)
+            probes = few if exact else rows
+            _probe(table, is_corner, begin, low, count, at, ends[depth - 1], left, probes)
+            fits = _one_piece(probes, tolerance, arcs, nets[found])
+            chord = np.hypot(probes[-1, 0] - probes[0, 0], probes[-1, 1] - probes[0, 1])
+            short = chord < _LEAST_MM and _turning(probes) < _WIDEST
             if not fits and not short:
                 if depth > _DEPTH:
                     return nets[:found], False

@@ -49,11 +49,13 @@ def offset_jet(
 @njit(cache=True, error_model="numpy", nogil=True)
 def _share(points: Floats, after: Ints, side: int, x: float, y: float) -> tuple[float, float]:  # pragma: no cover
     """Where on a side the point nearest to (x, y) lies, 0 ... 1, and its distance, mm."""
-    a, b = points[side], points[after[side]]
-    ux, uy = b[0] - a[0], b[1] - a[1]
+    end = after[side]
+    ax, ay = points[side, 0], points[side, 1]
+    ux, uy = points[end, 0] - ax, points[end, 1] - ay
     length2 = max(ux * ux + uy * uy, 1e-300)
-    share = min(max(((x - a[0]) * ux + (y - a[1]) * uy) / length2, 0.0), 1.0)
-    return share, np.hypot(x - a[0] - share * ux, y - a[1] - share * uy)
+    share = min(max(((x - ax) * ux + (y - ay) * uy) / length2, 0.0), 1.0)
+    dx, dy = x - ax - share * ux, y - ay - share * uy
+    return share, np.sqrt(dx * dx + dy * dy)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -85,8 +87,8 @@ def _settle(
 @njit(cache=True, error_model="numpy", nogil=True)
 def _runs_along(points: Floats, after: Ints, side: int, ux: float, uy: float) -> bool:  # pragma: no cover
     """Whether a side runs more along a direction than against it; a corner does."""
-    a, b = points[side], points[after[side]]
-    return bool((b[0] - a[0]) * ux + (b[1] - a[1]) * uy >= 0.0)
+    end = after[side]
+    return bool((points[end, 0] - points[side, 0]) * ux + (points[end, 1] - points[side, 1]) * uy >= 0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -292,7 +294,7 @@ def trace_ring(
     for k in range(count):
         other = k + 1 if k + 1 < count else 0
         x, y = ring[other]
-        length += np.hypot(x - ring[k, 0], y - ring[k, 1])
+        length += np.sqrt((x - ring[k, 0]) ** 2 + (y - ring[k, 1]) ** 2)
         if _runs_on(limits, after, left, along[k], along[other]):
             continue
         far = ring[other + 1 if other + 1 < count else 0]
