@@ -24,6 +24,8 @@ MAGIC = b"hybridcell plan, schema "
 HEAD_BYTES = 512  # the HDF5 user block: text that says what the file is and the checksum of all that follows
 _HDF5 = ("earliest", "v110")  # oldest layout: no time stamps, read by every HDF5 since 1.8
 _AGAIN = "plan the part again, or copy the file again"
+_MALFORMED = (OSError, RuntimeError, LookupError, ValueError, ArithmeticError, TypeError, AttributeError)
+"""What h5py and numpy raise for content that does not fit, checksums or not."""
 
 
 def plan_sha256(plan: Plan) -> str:
@@ -87,11 +89,11 @@ def plan_from_bytes(data: bytes, source: str = "plan") -> Plan:
     _check(data, source)
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            tables = {name: file[name][()] for name in _names(file)}
+            tables = {name: file[name][()] for name in _names(file, len(data))}
             if file.attrs["sha256"] != _content_hash(int(file.attrs["schema"]), tables):
                 raise FileFormatError(f"{source}: the checksum of its content does not fit", _AGAIN)
         return plan_from(tables)
-    except (OSError, KeyError, ValueError, IndexError, TypeError) as error:
+    except _MALFORMED as error:
         raise FileFormatError(f"{source}: not a whole plan: {_one_line(error)}", _AGAIN) from None
 
 
@@ -109,7 +111,7 @@ def read_layer(path: str | Path, number: int) -> Layer:
                 raise FileFormatError(f"{path}: no layer {number}: it has 0 … {count - 1}", "ask for one of them")
             notes = json.loads(file["plan/words"][()].tobytes())["notes"]
             return layer_from(lambda name, first, last: np.asarray(file[name][first:last]), number, notes)
-    except (OSError, KeyError, ValueError, IndexError, TypeError) as error:
+    except _MALFORMED as error:
         raise FileFormatError(f"{path}: not a whole plan: {_one_line(error)}", _AGAIN) from None
 
 
@@ -126,15 +128,21 @@ def _check(data: bytes, source: str) -> None:
         raise FileFormatError(f"{source}: not a plan file", "a plan file is written by `cellctl plan`")
     version = data[len(MAGIC) : len(MAGIC) + 10].split(b",")[0].decode("ascii", "replace")
     if version != str(PLAN_SCHEMA):
-        raise FileFormatError(f"{source}: plan version {version}, this program reads {PLAN_SCHEMA}", "plan the part again")
+        raise FileFormatError(
+            f"{source}: plan version {version}, this program reads {PLAN_SCHEMA}", "plan the part again"
+        )
     if data[:HEAD_BYTES] != _head(PLAN_SCHEMA, data[HEAD_BYTES:]):
         raise FileFormatError(f"{source}: the checksum does not fit: the file is cut short or was changed", _AGAIN)
 
 
-def _names(file: h5py.File) -> list[str]:
-    found: list[str] = []
-    file.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
-    return found
+def _names(file: h5py.File, size: int) -> list[str]:
+    """Of all tables. Raises ValueError for one that states more bytes than the file has: ours are not packed."""
+    found: list[h5py.Dataset] = []
+    file.visititems(lambda _, item: found.append(item) if isinstance(item, h5py.Dataset) else None)
+    for table in found:
+        if table.nbytes > size:
+            raise ValueError(f"{table.name} states {table.nbytes} bytes, more than the file has")
+    return [table.name.lstrip("/") for table in found]
 
 
 def _one_line(error: Exception) -> str:

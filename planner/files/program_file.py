@@ -24,6 +24,7 @@ _MATRICES = {"machine_from_build": (4, 4), "build_from_part": (4, 4), "work_offs
 _TUPLES = ("axis_letters", "tools")
 _APART = {"lines", *_DATASETS}
 _HINT = "post the plan again"
+_SWOLLEN = 1100  # deflate packs at most 1,032 to 1
 
 
 def program_files(program: Program) -> dict[str, bytes]:
@@ -85,8 +86,9 @@ def read_program(directory: str | Path) -> Program:
         for name in _TUPLES:
             values[name] = tuple(index[name])
         program = Program(lines=tuple(lines), **_read_tables(contents[TABLES]), **values)
-    except (KeyError, TypeError, ValueError, OSError) as error:
-        raise FileFormatError(f"{folder}: not a program: {error}", _HINT) from None
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, OSError, RuntimeError) as error:
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FileFormatError(f"{folder}: not a program: {first}", _HINT) from None
     if len(program.table) != len(program.lines):
         raise FileFormatError(f"{folder}: {len(program.lines)} lines, but a table of {len(program.table)}", _HINT)
     return program
@@ -119,6 +121,9 @@ def _tables(program: Program) -> bytes:
 
 def _read_tables(content: bytes) -> dict[str, Any]:
     with h5py.File(io.BytesIO(content), "r") as file:
+        for name in _DATASETS:
+            if file[name].nbytes > _SWOLLEN * len(content):
+                raise ValueError(f"{name} states {file[name].nbytes} bytes, more than its file can hold")
         return {name: np.asarray(file[name][...], dtype=dtype) for name, dtype in _DATASETS.items()}
 
 
