@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planner.errors import FitError
-from planner.matching.unweighted import without_weights
+from planner.matching.unweighted import short_cubics
 from planner.mesh.smooth import SmoothSurface
 from planner.nurbs.curve import Curve
 from planner.slicing.section import Loop
@@ -75,12 +75,12 @@ def outline_of(curve: Curve, axes: Floats, loop: Loop | None = None, surface: Sm
 
     axes : (3, 3) float   unit vectors, two in the plane against which directions are measured, then its normal
     loop, surface : the loop that the curve was led through and the surface that it lies on; without, walls count upright
-    Exact arcs become cubics (`without_weights`). Raises FitError for a higher degree or a contour without length.
+    Cut into `short_cubics` first. Raises FitError for a higher degree or a contour without length.
     """
     if curve.degree > 3:
         raise FitError(f"walls are matched along cubic curves, not of degree {curve.degree}")
     cubic = curve if curve.domain == (0.0, 1.0) else curve.with_domain(0.0, 1.0)
-    cubic = without_weights(cubic if cubic.degree == 3 else cubic.with_degree(3))
+    cubic = short_cubics(cubic if cubic.degree == 3 else cubic.with_degree(3))
     breaks = cubic.breaks
     share = np.arange(_PER_PIECE) / _PER_PIECE
     u = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel(), 1.0)

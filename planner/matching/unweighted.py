@@ -1,4 +1,4 @@
-"""Contours that hold exact arcs as cubics without weights, so that walls join them piece by piece."""
+"""Contours as short cubics without weights, so that walls can be sampled and joined piece by piece."""
 
 from __future__ import annotations
 
@@ -9,28 +9,29 @@ from planner.nurbs.curve import Curve
 
 Floats = NDArray[np.float64]
 
-LARGEST_TURN = np.radians(10.0)
-"""Of one cubic on an arc: it leaves the arc by 1e-9 of the radius at most."""
+LARGEST_TURN = np.radians(5.0)
+"""Of one piece; on an arc it leaves the circle by 2e-11 of the radius, and directions within it are nearly linear."""
 _STRAIGHT = 1e-9  # rad: a piece that turns less is a line
 
 
-def without_weights(curve: Curve) -> Curve:
-    """A cubic without weights along a curve of degree 3 whose weighted pieces are circular arcs and lines.
+def short_cubics(curve: Curve) -> Curve:
+    """The same curve in pieces that turn by LARGEST_TURN at most, none with weights.
 
-    Pieces of equal weights stay as they are; arcs are cut into pieces of LARGEST_TURN at most, each the cubic that has the
-    arc's ends, directions and middle: off by 4/27 sin⁶(turn/4) of the radius.
+    curve : of degree 3; weighted pieces are circular arcs and lines. Pieces of equal weights keep their shape exactly; on
+    an arc each cubic has the arc's ends, directions and middle: off by 4/27 sin⁶(turn/4) of the radius.
     Source: Goldapp, Approximation of circular arcs by cubic polynomials, Comp. Aided Geom. Design 8 (1991).
     """
-    if curve.weights is None:
-        return curve
     breaks = curve.breaks
     ahead, behind = curve.derivatives(breaks[:-1], 1)[1], curve.derivatives(breaks[1:], 1, "left")[1]
     inner = curve.derivatives(0.5 * (breaks[:-1] + breaks[1:]), 1)[1]
     turn = _angle(ahead, inner) + _angle(inner, behind)
     parts = np.maximum(np.ceil(turn / LARGEST_TURN), 1).astype(np.intp)
-    weights = curve.weights[np.arange(len(parts))[:, None] * 3 + np.arange(4)]
-    is_arc = np.ptp(weights, axis=1) > 1e-12 * weights.max(axis=1)
-    parts[~is_arc] = 1
+    is_arc = np.zeros(len(parts), dtype=bool)
+    if curve.weights is not None:
+        weights = curve.weights[np.arange(len(parts))[:, None] * 3 + np.arange(4)]
+        is_arc = np.ptp(weights, axis=1) > 1e-12 * weights.max(axis=1)
+    elif (parts == 1).all():
+        return curve
     piece = np.repeat(np.arange(len(parts)), parts)
     step = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
     u = np.append(breaks[piece] + step / parts[piece] * np.diff(breaks)[piece], breaks[-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.matching.unweighted import without_weights
+from planner.matching.unweighted import short_cubics
 from planner.nurbs.fit import interpolate
 
 
@@ -18,7 +18,7 @@ def slot(half_mm: float, radius_mm: float, per_end: int) -> np.ndarray:
 def test_a_slot_of_arcs_and_lines_keeps_its_shape_within_a_billionth_of_its_radius() -> None:
     exact = interpolate(slot(10.0, 4.0, 33), closed=True, arc_tolerance_mm=1e-6)
     assert exact.weights is not None
-    plain = without_weights(exact)
+    plain = short_cubics(exact)
     assert plain.weights is None and plain.degree == 3
     points = plain.evaluate(np.linspace(0.0, 1.0, 5001))
     x, y = np.abs(points[:, 0]) - 10.0, points[:, 1]
