@@ -10,13 +10,13 @@ from pathlib import Path
 from planner.files import plan_tables
 from planner.files.plan_file import HEAD_BYTES, _head, plan_bytes, plan_from_bytes
 from planner.plan import PLAN_SCHEMA, Plan
-from tests.fuzz.test_plan_files import given_or_one_line
+from tests.fuzz.test_plan_files import assert_given_or_one_line
 from tests.unit.planner.hand_plan import hybrid_plan
 
 
 def read_body(body: bytes) -> None:
     """Read a plan file of this body behind a head that fits it: a Plan or one line, else it raises."""
-    given_or_one_line(lambda: plan_from_bytes(_head(PLAN_SCHEMA, body) + body), Plan)
+    assert_given_or_one_line(lambda: plan_from_bytes(_head(PLAN_SCHEMA, body) + body), Plan)
 
 
 def main(words: list[str]) -> int:

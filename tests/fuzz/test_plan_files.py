@@ -40,7 +40,7 @@ def whole_program() -> dict[str, bytes]:
     return program_files(post(hybrid_plan(), load_cell("trunnion_tcp")))
 
 
-def given_or_one_line(read: Callable[[], Any], kind: type) -> None:
+def assert_given_or_one_line(read: Callable[[], Any], kind: type) -> None:
     """Whether reading gives the kind, or a PlannerError of one line; anything else passes through."""
     try:
         found = read()
@@ -118,13 +118,13 @@ def wrong_tables(draw: st.DrawFn) -> bytes:
 @FEW
 @given(damaged_plans())
 def test_a_damaged_plan_file_is_a_plan_or_one_line(data: bytes) -> None:
-    given_or_one_line(lambda: plan_from_bytes(data), Plan)
+    assert_given_or_one_line(lambda: plan_from_bytes(data), Plan)
 
 
 @settings(FEW, max_examples=100)
 @given(wrong_tables())
 def test_tables_that_do_not_fit_are_one_line_even_under_right_checksums(data: bytes) -> None:
-    given_or_one_line(lambda: plan_from_bytes(data), Plan)
+    assert_given_or_one_line(lambda: plan_from_bytes(data), Plan)
 
 
 @settings(FEW, max_examples=40)
@@ -133,7 +133,7 @@ def test_single_layers_of_such_plans_are_a_layer_or_one_line(data: bytes) -> Non
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.h5"
         path.write_bytes(data)
-        given_or_one_line(lambda: read_layer(path, 1), object)
+        assert_given_or_one_line(lambda: read_layer(path, 1), object)
 
 
 @st.composite
@@ -163,4 +163,4 @@ def test_a_changed_program_directory_is_a_program_or_one_line(files: dict[str, b
     with tempfile.TemporaryDirectory() as folder:
         for name, content in files.items():
             (Path(folder) / name).write_bytes(content)
-        given_or_one_line(lambda: read_program(folder), Program)
+        assert_given_or_one_line(lambda: read_program(folder), Program)
