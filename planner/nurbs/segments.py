@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,15 +64,13 @@ def contour_table(
             raise FitError(f"contour {index} has shape {array.shape}; (n, 2) or (n, 3) is needed")
         if array.shape[1] != first[1]:
             raise FitError("contours of 2 and of 3 dimensions cannot be fitted in one call")
-    flags = np.full(count, closed) if isinstance(closed, (bool, np.bool_)) else np.asarray(closed, dtype=np.bool_)
+    flags = np.array([closed] * count if isinstance(closed, (bool, np.bool_)) else closed, dtype=np.bool_)
     for name, given in (("corners", corners), ("tangents", tangents), ("curvatures", curvatures)):
         if given is not None and len(given) != count:
             raise FitError(f"{count} contours but {len(given)} entries of {name}")
     if flags.shape != (count,):
         raise FitError(f"{count} contours but {len(flags)} entries of closed")
-    offsets = np.zeros(count + 1, dtype=np.int64)
-    offsets[1:] = [len(array) for array in arrays]
-    np.cumsum(offsets, out=offsets)
+    offsets = np.array([0, *accumulate(len(array) for array in arrays)], dtype=np.int64)
     points = np.ascontiguousarray(arrays[0] if count == 1 else np.concatenate(arrays))
     marks = _NO_MASK if corners is None else _corner_masks(corners, offsets)
     directions = _sided(tangents, offsets, marks, first[1], "tangents")

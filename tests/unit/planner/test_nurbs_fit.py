@@ -12,7 +12,9 @@ from planner.nurbs.curve import Curve
 from planner.nurbs.densify import densify, drop_collinear
 from planner.nurbs.fit import interpolate, interpolate_many
 from planner.nurbs.handles import equal_speed
-from planner.nurbs.measure import closest_points
+from planner.nurbs.measure import closest_points, deviation
+from planner.slicing.contours import section_curves_many
+from tests.unit.planner import smooth_surfaces as known
 
 Floats = NDArray[np.float64]
 FINE = np.linspace(0.0, 1.0, 20_001)
@@ -85,7 +87,9 @@ def test_smooth_contour_has_2n_plus_2_control_points_and_2n_plus_6_knots(closed:
 def test_speed_is_equal_at_joints_and_midpoints() -> None:
     rng = np.random.default_rng(5)
     t = np.sort(rng.uniform(0.0, 2.0 * np.pi, 60))
-    curve = interpolate(np.column_stack([30 * np.cos(t), 10 * np.sin(t), 3 * np.sin(2 * t)]), closed=True, handles="speed")
+    curve = interpolate(
+        np.column_stack([30 * np.cos(t), 10 * np.sin(t), 3 * np.sin(2 * t)]), closed=True, handles="speed"
+    )
     edges = curve.breaks
     places = np.concatenate([edges, 0.5 * (edges[1:] + edges[:-1])])
     speeds = np.linalg.norm(curve.derivatives(places, 1)[1], axis=1)
@@ -292,3 +296,39 @@ def test_one_sided_tangents_are_taken_at_corners() -> None:
     above = curve.evaluate(FINE)
     above = above[above[:, 1] > 1e-9]
     assert np.abs(np.linalg.norm(above, axis=1) - 1.0).max() <= 1.5e-3
+
+
+def test_sections_of_a_cylinder_with_facet_diagonals_are_circles_of_four_exact_arcs() -> None:
+    shape = known.cylinder()
+    sections = known.sections_across(shape.mesh, np.array([0.0, 0.0, 1.0]))
+    for made in section_curves_many(sections, shape.mesh):
+        curve = made[0].curve
+        across = np.hypot(*curve.evaluate(FINE)[:, :2].T)
+        assert curve.weights is not None and len(curve.control_points) == 13
+        assert np.abs(across - known.RADIUS).max() <= 1e-5
+
+
+def test_a_point_that_is_nearly_there_twice_makes_no_arc() -> None:
+    zigzag = np.array([[0.0, 0.0], [1.0, 0.2], [1.0 + 1e-7, 0.2], [2.0, 0.0], [3.0, 0.5], [4.0, -0.3], [5.0, 0.9]])
+    curve = interpolate(zigzag, closed=False, arc_tolerance_mm=1e-6)
+    assert curve.weights is None
+
+
+def test_deviation_from_the_facets_falls_with_the_spacing_and_ends_at_the_circles_sagitta() -> None:
+    twelve = circle_points(10.0, 12)
+    sagitta = 10.0 * (1.0 - np.cos(np.pi / 12))
+    plain = deviation(interpolate(twelve, closed=True), twelve)
+    found = [deviation(interpolate(densify(twelve, e, closed=True), closed=True), twelve) for e in (2.0, 1.0, 0.5, 0.1)]
+    assert plain == pytest.approx(sagitta, rel=1e-3)
+    assert found == sorted(found, reverse=True) and found[0] < plain and found[-1] < 0.02 * plain
+
+
+def test_deviation_is_the_true_maximum_both_ways() -> None:
+    spike = np.array([[0.0, 0.0], [4.3, 0.0], [5.0, 7.0], [5.7, 0.0], [10.0, 0.0]])
+    chord = Curve.from_polyline(spike[[0, 4]])
+    assert deviation(chord, spike, closed=False) == pytest.approx(7.0, abs=1e-12)
+    assert deviation(Curve.from_polyline(spike), spike[[0, 4]], closed=False) == pytest.approx(7.0, abs=1e-12)
+    arc = interpolate(circle_points(10.0, 200)[:67], closed=False, handles="curvature")
+    ends = arc.evaluate(np.array([0.0, 1.0]))
+    height = 10.0 * (1.0 - np.cos(0.5 * 66 * 2.0 * np.pi / 200))
+    assert deviation(arc, ends, closed=False) == pytest.approx(height, rel=1e-6)
