@@ -19,7 +19,8 @@ Ints = NDArray[np.int64]
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of a ruling, where it is measured: a chord is farthest from its arc half-way, a third-order difference a quarter off."""
 _LEAST_AREA = 1e-12  # of the largest triangle: where one contour stands still, triangles have no area
-_PER_PIECE = 2  # places along each piece
+_PER_PIECE, _MOST_PER_PIECE = 2, 64  # places along each piece
+_FLAT = 1e-5  # of the ring's size: how far the triangles may lie from the ruled surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ def _rims(layer_walls: LayerWalls, outward: Floats) -> tuple[float, bool]:
     """
     rim, worst, is_swept, start = 0.0, -1.0, False, 0
     for wall in layer_walls.walls:
-        count = len(_SHARES) * _PER_PIECE * (len(wall.surface.curve0.breaks) - 1)
+        count = len(_SHARES) * len(_places_along(wall.surface))
         away = outward[start : start + count].reshape(len(_SHARES), -1)
         start += count
         swept = wall.how == "swept"
@@ -100,9 +101,7 @@ def wall_mesh(layer_walls: LayerWalls) -> Mesh:
 
 def ring_triangles(surface: RuledSurface) -> tuple[Floats, Ints]:
     """Vertices (n, 3) mm and triangles (m, 3) of one closed ring, finer along it than across."""
-    breaks = surface.curve0.breaks
-    share = np.arange(_PER_PIECE) / _PER_PIECE
-    u = (breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()
+    u = _places_along(surface)
     first, last = surface.curve0.evaluate(u), surface.curve1.evaluate(u)
     v = np.array(_SHARES)[:, None, None]
     grid = (1.0 - v) * first + v * last
@@ -112,6 +111,24 @@ def ring_triangles(surface: RuledSurface) -> tuple[Floats, Ints]:
     c, d = np.roll(number, -1, axis=1)[1:].ravel(), number[1:].ravel()
     facets = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return grid.reshape(-1, 3), facets
+
+
+def _places_along(surface: RuledSurface) -> Floats:
+    """Parameters (k,) of the rulings between which triangles lie near the surface: closer where it bends or twists."""
+    breaks = surface.curve0.breaks
+    low, high = surface.curve0.evaluate(breaks), surface.curve1.evaluate(breaks)
+    middle = 0.5 * (breaks[:-1] + breaks[1:])
+    sag = [
+        np.linalg.norm(curve.evaluate(middle) - 0.5 * (ends[:-1] + ends[1:]), axis=1)
+        for curve, ends in ((surface.curve0, low), (surface.curve1, high))
+    ]
+    twist = np.linalg.norm(np.diff(high - low, axis=0), axis=1) / (4.0 * (len(_SHARES) - 1))
+    near = _FLAT * max(float(np.linalg.norm(np.ptp(np.vstack([low, high]), axis=0))), 1e-300)
+    parts = np.ceil(np.maximum(np.sqrt(np.maximum(*sag) / near), twist / near))
+    parts = np.clip(parts, _PER_PIECE, _MOST_PER_PIECE).astype(np.intp)
+    piece = np.repeat(np.arange(len(parts)), parts)
+    step = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.asarray(breaks[piece] + step / parts[piece] * np.diff(breaks)[piece])
 
 
 def _mesh_points(layer_walls: LayerWalls, mesh: Mesh) -> tuple[Floats, Floats]:
