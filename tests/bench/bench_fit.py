@@ -1,32 +1,34 @@
-"""Contours to curves: time per contour, accuracy, evaluation and offsets, each beside its peer in the same run."""
+"""Contours to curves: time per contour and distance from the true shape, beside peers in the same run."""
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline, splprep
+from scipy.interpolate import CubicSpline, splev, splprep
 
-from planner.nurbs.construct import circle
 from planner.nurbs.curve import Curve
-from planner.nurbs.fit import interpolate, interpolate_many
-from planner.nurbs.measure import closest_points
-from planner.nurbs.offset import inset
-from planner.nurbs.rings import curves_from_region, region_from_curves
-from tests.bench.table import Table
+from planner.nurbs.fit import Handles, fit_table, interpolate, interpolate_many
+from planner.nurbs.measure import closest_points, deviation
+from planner.nurbs.segments import contour_table
+from tests.bench.table import Cell, Table
+from tests.unit.planner.fit_shapes import SPACINGS, Shape, known_shapes
 
 Floats = NDArray[np.float64]
 
 SECONDS_PER_MEASUREMENT = 0.2
-BATCH = 100  # contours of a stack fitted in one call
+ABSENT = "not installed"
+PROBES = np.linspace(0.0, 1.0, 50_001)
 
 
 def run() -> list[Table]:
     """The tables that `make bench` prints."""
-    return [fit_times(), accuracy(), evaluation_rates(), offsets()]
+    return [fit_times(), accuracy(), families(), corners(), deviation_times()]
 
 
 def cpu_seconds(work: Callable[[], object]) -> float:
@@ -41,129 +43,185 @@ def cpu_seconds(work: Callable[[], object]) -> float:
     return float(best)
 
 
-def ellipse_points(count: int) -> Floats:
+def ellipse_points(a: float, b: float, count: int) -> Floats:
+    """(count, 2) float, mm   Points at even angles."""
     t = 2.0 * np.pi * np.arange(count) / count
-    return np.column_stack([30.0 * np.cos(t), 10.0 * np.sin(t)])
+    return np.column_stack([a * np.cos(t), b * np.sin(t)])
 
 
-def circle_points(radius: float, count: int) -> Floats:
-    t = 2.0 * np.pi * np.arange(count) / count
-    return radius * np.column_stack([np.cos(t), np.sin(t)])
+def occ_spline(points: Floats) -> Any:
+    """OpenCascade's periodic interpolation of plane points: its Geom_BSplineCurve."""
+    gp, api, arrays = (importlib.import_module(f"OCP.{name}") for name in ("gp", "GeomAPI", "collections"))
+    table = arrays.HArray1_gp_Pnt(1, len(points))
+    for number, (x, y) in enumerate(points.tolist(), 1):
+        table.SetValue(number, gp.gp_Pnt(x, y, 0.0))
+    maker = api.GeomAPI_Interpolate(table, True, 1e-9)
+    maker.Perform()
+    return maker.Curve()
+
+
+def has_occ() -> bool:
+    """Whether OpenCascade (cadquery-ocp) is installed."""
+    return importlib.util.find_spec("OCP") is not None
 
 
 def fit_times() -> Table:
-    rows: list[list[str | int | float]] = []
-    for count in (100, 1_000, 10_000):
-        points = ellipse_points(count)
+    """One contour and batches, both handles, against splprep and OpenCascade."""
+    rows: list[list[Cell]] = []
+    for count, batch in ((100, 100), (1_000, 100), (10_000, 20)):
+        points = ellipse_points(30.0, 10.0, count)
         loop = np.vstack([points, points[:1]])
-        t = np.linspace(0.0, 1.0, count + 1)
-        alone = cpu_seconds(lambda p=points: interpolate(p, closed=True))  # type: ignore[misc]
-        batch = cpu_seconds(lambda p=points: interpolate_many([p] * BATCH, closed=True)) / BATCH  # type: ignore[misc]
-        curvature = cpu_seconds(lambda p=points: interpolate(p, closed=True, handles="curvature"))  # type: ignore[misc]
         fitpack = cpu_seconds(lambda p=loop: splprep(p.T, s=0.0, per=True))  # type: ignore[misc]
-        periodic = cpu_seconds(lambda x=t, p=loop: make_interp_spline(x, p, bc_type="periodic"))  # type: ignore[misc]
-        rows.append([count, *(1e3 * s for s in (alone, batch, curvature, fitpack, periodic)), fitpack / batch])
+        occ = cpu_seconds(lambda p=points: occ_spline(p)) if has_occ() else None  # type: ignore[misc]
+        peers: list[Cell] = [1e3 * fitpack, ABSENT if occ is None else 1e3 * occ]
+        kinds: tuple[Handles, ...] = ("speed", "curvature")
+        for kind in kinds:
+            alone = cpu_seconds(lambda p=points, k=kind: interpolate(p, closed=True, handles=k))  # type: ignore[misc]
+            many = cpu_seconds(
+                lambda p=points, k=kind, n=batch: interpolate_many([p] * n, closed=True, handles=k)  # type: ignore[misc]
+            )
+            limit = 1.0 if count == 100 else 5.0
+            ratios: list[Cell] = [fitpack / alone, fitpack * batch / many, ABSENT if occ is None else occ / alone]
+            rows.append([count, kind, 1e3 * alone, batch, 1e3 * many / batch, *peers, *ratios, limit])
     return Table(
         "Fit time per contour",
-        ["points", "alone, ms", f"in a batch of {BATCH}, ms", "curvature handles, ms", "splprep, ms",
-         "make_interp_spline, ms", "splprep / batch"],
+        ["points", "handles", "alone, ms", "batch of", "in a batch, ms each", "splprep, ms", "OCC Interpolate, ms",
+         "splprep / alone", "splprep / in a batch", "OCC / alone", "splprep must be times slower"],
         rows,
-        "CPU time, best of repeated calls; a closed 30 x 10 ellipse; splprep with s = 0 and per = 1.",
+        "CPU time, best of repeated calls; a closed 30 x 10 ellipse; splprep with s = 0 and per = True. The limit is "
+        "for one contour, at 100 points for a batch.",
     )  # fmt: skip
 
 
-def distance_from_ellipse(points: Floats) -> float:
-    """Largest distance from the 30 x 10 ellipse, by Newton on its angle."""
-    x, y = points.T
-    t = np.arctan2(y / 10.0, x / 30.0)
-    for _ in range(20):
-        cos, sin = np.cos(t), np.sin(t)
-        slope = (30 * cos - x) * -30 * sin + (10 * sin - y) * 10 * cos
-        t = t - slope / (900 * sin**2 + 100 * cos**2 - (30 * cos - x) * 30 * cos - (10 * sin - y) * 10 * sin)
-    return float(np.hypot(30 * np.cos(t) - x, 10 * np.sin(t) - y).max())
+def distance_from_ellipse(a: float, b: float) -> Callable[[Floats], float]:
+    """Largest distance of points from an ellipse, mm, by Newton on its angle."""
+
+    def farthest(points: Floats) -> float:
+        x, y = points.T
+        t = np.arctan2(y / b, x / a)
+        for _ in range(20):
+            cos, sin = np.cos(t), np.sin(t)
+            slope = (a * cos - x) * -a * sin + (b * sin - y) * b * cos
+            bend = a * a * sin**2 + b * b * cos**2 - (a * cos - x) * a * cos - (b * sin - y) * b * sin
+            t = t - slope / bend
+        return float(np.hypot(a * np.cos(t) - x, b * np.sin(t) - y).max())
+
+    return farthest
 
 
 def accuracy() -> Table:
-    fine = np.linspace(0.0, 1.0, 50_001)
-
-    def from_radius(radius: float) -> Callable[[Floats], float]:
-        return lambda p: float(np.abs(np.linalg.norm(p, axis=1) - radius).max())
-
-    cases: list[tuple[str, Floats, Callable[[Floats], float], str]] = [
-        ("circle R 23, 100 points", circle_points(23.0, 100), from_radius(23.0), "1e-6"),
-        ("12-gon of R 10", circle_points(10.0, 12), from_radius(10.0), "0.0021"),
-        ("ellipse 30 x 10, 50 points", ellipse_points(50), distance_from_ellipse, "-"),
-        ("ellipse 30 x 10, 100 points", ellipse_points(100), distance_from_ellipse, "4e-5"),
-        ("ellipse 30 x 10, 1,000 points", ellipse_points(1000), distance_from_ellipse, "-"),
-    ]
-    rows: list[list[str | int | float]] = []
-    for name, points, distance, asked in cases:
+    """Circles, ellipses and the dodecagon with both handles, as exact arcs, and by the peers."""
+    rows: list[list[Cell]] = []
+    for name, a, b, count, speed_limit, limit in (
+        ("circle R 23", 23.0, 23.0, 100, "1e-6", "1e-8"),
+        ("12-gon of R 10", 10.0, 10.0, 12, "0.0021", "1e-4"),
+        ("ellipse 30 x 10", 30.0, 10.0, 50, "-", "-"),
+        ("ellipse 30 x 10", 30.0, 10.0, 100, "4e-5", "1e-5"),
+        ("ellipse 30 x 10", 30.0, 10.0, 1000, "-", "1e-11"),
+    ):
+        points, distance = ellipse_points(a, b, count), distance_from_ellipse(a, b)
         loop = np.vstack([points, points[:1]])
-        polygon = Curve.from_polyline(points, closed=True)
-        peer = make_interp_spline(np.linspace(0.0, 1.0, len(loop)), loop, bc_type="periodic")
-        curves = [interpolate(points, closed=True), interpolate(points, closed=True, handles="curvature"), polygon]
-        found = [distance(curve.evaluate(fine)) for curve in curves]
-        rows.append([name, asked, *(f"{error:.2e}" for error in (*found, distance(peer(fine))))])
+        speed = distance(interpolate(points, closed=True, handles="speed").evaluate(PROBES))
+        curvature = distance(interpolate(points, closed=True).evaluate(PROBES))
+        exact = distance(interpolate(points, closed=True, arc_tolerance_mm=1e-7).evaluate(PROBES))
+        polygon = distance(Curve.from_polyline(points, closed=True).evaluate(PROBES))
+        fitpack = distance(np.column_stack(splev(PROBES, splprep(loop.T, s=0.0, per=True)[0])))
+        periodic = distance(CubicSpline(np.linspace(0.0, 1.0, len(loop)), loop, bc_type="periodic")(PROBES))
+        errors = [f"{error:.1e}" for error in (curvature, exact, polygon, fitpack, periodic)]
+        rows.append([name, count, f"{speed:.1e}", speed_limit, errors[0], limit, *errors[1:],
+                     occ_error(points, distance), speed / curvature, fitpack / curvature])  # fmt: skip
     return Table(
         "Fit accuracy",
-        ["contour", "asked of speed handles, mm", "speed handles, mm", "curvature handles, mm", "polygon, mm",
-         "scipy periodic cubic, mm"],
+        ["contour", "points", "speed handles, mm", "limit, mm", "curvature handles, mm", "limit of these, mm",
+         "with arcs within 1e-7, mm", "polygon, mm", "splprep, mm", "CubicSpline periodic, mm", "OCC Interpolate, mm",
+         "speed / curvature", "splprep / curvature"],
         rows,
         "Largest distance from the true shape at 50,001 parameters.",
     )  # fmt: skip
 
 
-def evaluation_rates() -> Table:
-    curve = interpolate(np.column_stack([ellipse_points(1000), np.zeros(1000)]), closed=True)
-    peer = BSpline(curve.knots, curve.control_points, 3)
-    rows: list[list[str | int | float]] = []
-    rng = np.random.default_rng(0)
-    for name, u in (("sorted", np.linspace(0.0, 1.0, 500_000)), ("in no order", rng.random(500_000))):
-        ours, theirs = (len(u) / cpu_seconds(lambda c=c, u=u: c(u)) / 1e6 for c in (curve.evaluate, peer))  # type: ignore[misc]
-        rows.append([name, ours, theirs, ours / theirs])
+def occ_error(points: Floats, distance: Callable[[Floats], float]) -> str:
+    """Distance of OpenCascade's spline from the true shape, mm."""
+    if not has_occ():
+        return ABSENT
+    curve = occ_spline(points)
+    span = curve.FirstParameter() + (curve.LastParameter() - curve.FirstParameter()) * PROBES[::10]
+    return f"{distance(np.array([[p.X(), p.Y()] for p in map(curve.Value, span.tolist())])):.1e}"
+
+
+def families() -> Table:
+    """Both handles over shapes, spacings and noise: how often curvature handles help, and the worst ratio."""
+    rows: list[list[Cell]] = []
+    for spacing in SPACINGS:
+        for noise_mm in (0.0, 1e-5):
+            rng = np.random.default_rng(5)
+            found = [
+                family_ratio(shape, spacing, count, noise_mm, rng) for shape in known_shapes() for count in (50, 200)
+            ]
+            ratios = np.array(found)
+            rows.append([spacing, f"{noise_mm:g}", len(ratios), float(np.exp(np.log(ratios).mean())),
+                         float(ratios.min()), float(ratios.max()), int((ratios > 1.0 + 1e-9).sum())])  # fmt: skip
     return Table(
-        "Curve evaluation",
-        ["parameters", "ours, million points/s", "scipy BSpline, million points/s", "ratio"],
+        "Curvature handles over equal speed",
+        ["spacing", "noise, mm", "curves", "mean ratio of errors", "best", "worst", "worse than speed"],
         rows,
-        "A cubic curve in space of 1,000 pieces, per second of CPU.",
+        "Largest distance from the true curve with curvature handles over that with equal speed; geometric mean.",
     )
 
 
-def offsets() -> Table:
-    rows: list[list[str | int | float]] = []
-    for name, source in (
-        ("circle R 23", circle((0.0, 0.0), 23.0)),
-        ("ellipse", interpolate(ellipse_points(400), closed=True)),
+def family_ratio(shape: Shape, spacing: str, count: int, noise_mm: float, rng: np.random.Generator) -> float:
+    """Error of curvature handles over that of equal speed on one shape."""
+    nodes = shape.nodes(spacing, count, rng)
+    points = shape.at(nodes)
+    points = points + noise_mm * rng.normal(size=points.shape)
+    table = contour_table([points], shape.closed, None, None, None)
+    speed, curvature = (
+        max(float(shape.distances(nodes, fit_table(table, matched, True)[0].control_points).max()), 1e-12)
+        for matched in (False, True)
+    )
+    return curvature / speed
+
+
+def gear_points(teeth: int) -> Floats:
+    """Corners of a gear of straight flanks, (4 * teeth, 2) float, mm."""
+    turn = 2.0 * np.pi * (np.arange(teeth)[:, None] + np.array([0.0, 0.2, 0.4, 0.8])) / teeth
+    radius = np.array([20.0, 23.0, 23.0, 20.0])
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=-1).reshape(-1, 2)
+
+
+def corners() -> Table:
+    """How far the curve stays from the corners and sides of polygons with points on their sides."""
+    rows: list[list[Cell]] = []
+    square = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+    for name, tips in (
+        ("cube", square),
+        ("hexagon", ellipse_points(10.0, 10.0, 6)),
+        ("gear of 24 teeth", gear_points(24)),
     ):
-        region = region_from_curves([source])
-        for away in (0.5, 2.0, 5.0):
-            ours = inset(region, away)
-            theirs = shapely.buffer(region, -away)
-            errors = [
-                float(
-                    np.abs(
-                        closest_points(source, shapely.get_coordinates(shapely.segmentize(shape, 0.1)))[1] - away
-                    ).max()
-                )
-                for shape in (ours, theirs)
-            ]
-            rings = curves_from_region(ours)
-            fitted = np.vstack([ring.curve.evaluate(ring.curve.sample(1e-4)) for ring in rings])
-            curve_error = float(np.abs(closest_points(source, fitted)[1] - away).max())
-            times = [
-                1e3 * cpu_seconds(lambda r=region, d=away: inset(r, d)),  # type: ignore[misc]
-                1e3 * cpu_seconds(lambda r=region, d=away: shapely.buffer(r, -d)),  # type: ignore[misc]
-                1e3 * cpu_seconds(lambda o=ours: curves_from_region(o)),  # type: ignore[misc]
-            ]
-            pieces = sum(len(ring.curve.breaks) - 1 for ring in rings)
-            rows.append(
-                [name, away, *(f"{error:.2e}" for error in (errors[0], errors[1], curve_error)), pieces, *times]
-            )
+        share = np.arange(5)[:, None] / 5.0
+        points = np.concatenate([p + share * (q - p) for p, q in zip(tips, np.roll(tips, -1, axis=0), strict=True)])
+        for arcs in (None, 1e-6):
+            curve = interpolate(points, closed=True, corners=np.arange(0, len(points), 5), arc_tolerance_mm=arcs)
+            missed = float(closest_points(curve, tips)[1].max())
+            rows.append([name, "-" if arcs is None else f"{arcs:g}", len(curve.control_points), f"{missed:.1e}",
+                         f"{deviation(curve, tips):.1e}", "1e-6"])  # fmt: skip
     return Table(
-        "Constant-distance insets",
-        ["source", "distance, mm", "error of our polygon, mm", "of shapely.buffer, mm", "of our curve, mm", "pieces",
-         "inset, ms", "shapely.buffer, ms", "curves, ms"],
+        "Corners kept",
+        ["section", "lines within, mm", "control points", "farthest corner, mm", "from the sides, both ways, mm",
+         "limit, mm"],
         rows,
-        "Largest difference from the asked distance to the exact source curve; polygons sampled every 0.1 mm; "
-        "shapely.buffer with its default of 16 sides per quarter.",
+        "Five points per side, corners told as the mesh's creases tell them.",
     )  # fmt: skip
+
+
+def deviation_times() -> Table:
+    """Growth of measuring a curve against its polyline, both ways."""
+    rows: list[list[Cell]] = []
+    for count in (100, 1_000, 10_000):
+        points = ellipse_points(30.0, 10.0, count)
+        curve = interpolate(points, closed=True)
+        took = cpu_seconds(lambda c=curve, p=points: deviation(c, p))  # type: ignore[misc]
+        rows.append([count, 1e3 * took, 1e6 * took / count])
+    return Table(
+        "Deviation of a curve from its polyline", ["points", "ms", "µs per point"], rows, "True two-way maximum."
+    )
