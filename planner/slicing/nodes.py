@@ -69,9 +69,10 @@ class Outline:
         """
         rows = np.flatnonzero(keep)
         start = np.searchsorted(rows, self.start).astype(np.int64)
-        columns = (self.points, self.normal, self.facets, self.edges, self.weights, self.behind)
-        points, normal, facets, edges, weights, behind = (column[rows] for column in columns)
-        return Outline(self.loop[rows], start, points, normal, facets, edges, weights, behind)
+        floats = (column[rows] for column in (self.points, self.normal, self.weights))
+        ints = (column[rows] for column in (self.loop, self.facets, self.edges, self.behind))
+        (points, normal, weights), (loop, facets, edges, behind) = floats, ints
+        return Outline(loop, start, points, normal, facets, edges, weights, behind)
 
     @property
     def after(self) -> Ints:

@@ -185,8 +185,8 @@ def _is_free(tip: Floats, axis: Floats, wall: Floats, radius_mm: float) -> NDArr
     wall : (m, 3) float, mm, points of the wall's bottom and top.
     """
     reach_mm = float(np.ptp(wall[:, 2]) + 3.0 * radius_mm)  # of the cutter
-    poses = [np.ascontiguousarray(array) for array in (tip, axis, wall)]
-    return np.asarray(_keeps_clear(*poses, radius_mm - _GOUGE_MM, reach_mm))
+    tips, axes, points = (np.ascontiguousarray(array) for array in (tip, axis, wall))
+    return np.asarray(_keeps_clear(tips, axes, points, radius_mm - _GOUGE_MM, reach_mm))
 
 
 @njit(cache=True)
