@@ -40,7 +40,7 @@ def interpolate(
     curvatures : (n, d) or (n, 2, d) float, 1/mm   Known curvature vectors dT/ds, NaN rows where five points tell.
     handles    : "speed" (paper Eq. 5: C1, equal speed at joints and midpoints) or "curvature" (sixth order; joints
                  share their tangent, knots of multiplicity 3; falls back to speed piece by piece).
-    arc_tolerance_mm : if given, runs of points within it of one line (3 points or more) or circle (4 or more) become
+    arc_tolerance_mm : if given, runs of points within it of one line (3 points or more) or circle (5 or more) become
                  exact: the curve is then a rational cubic. Choose the noise of the points: any smooth curve is made
                  of arcs to a coarse tolerance.
     Returns a curve on (0, 1), parameter proportional to length at the joints. With n pieces, no corners and "speed":

@@ -14,7 +14,7 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LINE, ARC = 0, 1
-_LEAST_LINE, _LEAST_ARC = 2, 3  # chords: three points tell a line, four a circle
+_LEAST_LINE, _LEAST_ARC = 2, 4  # chords: three points tell a line; any four that are symmetric lie on a circle, five tell
 _APART = 0.25  # share of a run's mean chord below which a chord's ends are one point: they tell nothing more
 _LARGEST_STEP = 0.8  # rad that an arc may turn from chord to chord: a square has its corners on a circle and is none
 _QUARTER = 0.5 * math.pi
