@@ -51,7 +51,7 @@ def measure_loops(
         reach = (start[loop + 1] - first) * (high_x - low_x + high_y - low_y)
         solid[loop] = abs(area[loop]) > snap_mm[plane[loop]] * reach
         if not solid[loop]:
-            solid[loop] = abs(area[loop]) > snap_mm[plane[loop]] * _perimeter(points[first : start[loop + 1]])
+            solid[loop] = abs(area[loop]) > snap_mm[plane[loop]] * perimeter_mm(points[first : start[loop + 1]])
         x = (x0 - middle[0]) * ux + (y0 - middle[1]) * uy + (z0 - middle[2]) * uz
         y = (x0 - middle[0]) * vx + (y0 - middle[1]) * vy + (z0 - middle[2]) * vz
         box[loop] = np.array((x + low_x, y + low_y, x + high_x, y + high_y))
@@ -59,8 +59,8 @@ def measure_loops(
 
 
 @njit(cache=True)
-def _perimeter(points: Floats) -> float:
-    """Length of a loop.  points : (n, 3) float mm."""
+def perimeter_mm(points: Floats) -> float:
+    """Length of a closed loop, mm.  points : (n, 3) float mm."""
     total = 0.0
     for i in range(points.shape[0]):
         j = i + 1 if i + 1 < points.shape[0] else 0
@@ -143,24 +143,31 @@ def _is_boxed(inner: Floats, outer: Floats, slack_mm: float) -> bool:
 
 
 @njit(cache=True)
+def _is_larger(area: Floats, a: int, b: int) -> bool:
+    """Whether loop a counts as larger than loop b; of equal ones the first does, so that coinciding loops nest too."""
+    return bool(abs(area[a]) > abs(area[b]) or (abs(area[a]) == abs(area[b]) and a < b))
+
+
+@njit(cache=True)
 def _nest_few(
     xy: Floats, rows: Ints, members: Ints, area: Floats, box: Floats, slack_mm: float, parent: Ints32
 ) -> None:
     """As `_nest_many`, comparing every pair of loops; area and box are those of all loops, members the numbers."""
     for a in range(rows.shape[0]):
-        size, held = abs(area[members[a]]), np.inf
         is_known = False
         x, y = 0.0, 0.0
         for b in range(rows.shape[0]):
-            larger = abs(area[members[b]])
-            if not (size < larger < held and _is_boxed(box[members[a]], box[members[b]], slack_mm)):
+            if not _is_larger(area, members[b], members[a]):
+                continue
+            if parent[a] >= 0 and not _is_larger(area, members[parent[a]], members[b]):
+                continue
+            if not _is_boxed(box[members[a]], box[members[b]], slack_mm):
                 continue
             if not is_known:
                 x, y = point_inside(xy[rows[a, 0] : rows[a, 1]])
                 is_known = True
             if holds_point(xy[rows[b, 0] : rows[b, 1]], x, y):
                 parent[a] = b
-                held = larger
 
 
 @njit(cache=True)
@@ -243,8 +250,8 @@ def _nest_many(xy: Floats, rows: Ints, area: Floats, box: Floats, slack_mm: floa
             for i in range(first[row * side + left], first[row * side + right + 1]):
                 a = items[i]
                 if (
-                    abs(area[b]) > abs(area[a])
-                    and (parent[a] < 0 or abs(area[b]) < abs(area[parent[a]]))
+                    _is_larger(area, b, a)
+                    and (parent[a] < 0 or _is_larger(area, parent[a], b))
                     and _is_boxed(box[a], box[b], slack_mm)
                 ):
                     wanted[count] = a
@@ -264,7 +271,7 @@ def nest_loops(
     points: Floats, start: Ints, loops: Ints, first: Ints, area: Floats, box: Floats, along: Floats, middle: Floats,
     slack_mm: float,
 ) -> Ints32:  # fmt: skip
-    """Smallest loop of the same plane that each loop lies in.
+    """Smallest loop of the same plane that each loop lies in; of loops that coincide the first holds the others.
 
     points : (n, 3) float mm;  start : (all + 1,) int64, rows of each loop;  area, box : as from `measure_loops`
     loops : (l,) int64, numbers of the loops that count, plane after plane;  first : (planes + 1,) int64 into loops

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from planner.errors import InputError, MeshError
 from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh, mesh_of
+from planner.slicing.cancel import cancel_empty_regions
 from planner.slicing.crossing import number_pairs, rank_vertices, trace_loops
 from planner.slicing.nesting import measure_loops, nest_loops
 from planner.slicing.section import LoopStack, Section, checked_planes, plane_frame
@@ -93,10 +94,24 @@ def _slice_parallel(body: Mesh, values: Floats, members: Ints, side: Side) -> li
     loops = loops[np.argsort(plane[loops], kind="stable")]
     first = np.searchsorted(plane[loops], np.arange(len(members) + 1))
     parents = nest_loops(points, start, loops, first, area, box, axes[:2], middle, float(snap_mm.max()))
+    is_kept = cancel_empty_regions(points, start, loops, first, area, box, parents, snap_mm)
+    if not is_kept.all():
+        loops, parents, first = _kept(is_kept, loops, parents, first)
     stack = LoopStack(body, points, weights, halves, start, area, loops, parents, first, axes)
     sections = [Section(values[member], stack, k) for k, member in enumerate(members.tolist())]
     _refuse_inverted(stack, sections, plane)
     return _unsorted(order, sections)
+
+
+def _kept(
+    is_kept: NDArray[np.bool_], loops: Ints, parents: NDArray[np.int32], first: Ints
+) -> tuple[Ints, NDArray[np.int32], Ints]:
+    """The loops that stay, with parents and planes' parts counted among them; loops, parents, first of `LoopStack`."""
+    number = np.concatenate([[0], np.cumsum(is_kept)])
+    base = np.repeat(first[:-1], np.diff(first))[is_kept]
+    held = parents[is_kept]
+    renumbered = np.where(held < 0, -1, number[base + np.maximum(held, 0)] - number[base])
+    return loops[is_kept], renumbered.astype(np.int32), number[first]
 
 
 def _unsorted(order: Ints, sections: list[Section]) -> list[Section]:
