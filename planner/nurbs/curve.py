@@ -61,13 +61,6 @@ class Curve:
         return curve
 
     @classmethod
-    def _trusted(cls, degree: int, knots: Floats, control_points: Floats, weights: Floats | None = None) -> Curve:
-        """The curve of contiguous float64 arrays that are known to fit together: for kernels that just made them."""
-        curve = object.__new__(cls)
-        curve.__dict__.update(degree=degree, knots=knots, control_points=control_points, weights=weights)
-        return curve
-
-    @classmethod
     def from_polyline(cls, points: ArrayLike, closed: bool = False) -> Curve:
         """The polyline itself as a curve of degree 1, parameter proportional to length, domain (0, 1).
 

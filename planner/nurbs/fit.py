@@ -105,6 +105,6 @@ def fit_table(table: ContourTable, matched: bool, keeps_joints: bool) -> list[Cu
         raise refusal(table, bad, found)
     curves, row, knot = [], 0, 0
     for size, length in sizes.tolist():
-        curves.append(Curve._trusted(3, knots[knot : knot + length], net[row : row + size]))
+        curves.append(Curve.trusted(3, knots[knot : knot + length], net[row : row + size]))
         row, knot = row + size, knot + length
     return curves
