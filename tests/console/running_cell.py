@@ -132,6 +132,15 @@ class RunningCell:
         assert answer.status_code == 200, answer.text
         return answer.json()
 
+    def reaches(self, state: str) -> bool:
+        """Whether REST tells this state of the cell within the patience; a command is answered before it is told."""
+        end = time.monotonic() + END_S
+        while self.get("/cell")["state"] != state:
+            if time.monotonic() > end:
+                return False
+            time.sleep(POLL_S)
+        return True
+
     def make_ready(self) -> None:
         """Bring plant and service to where every test begins: doors closed, nothing latched, no job at work, IDLE.
 

@@ -199,7 +199,7 @@ def test_page_that_hears_nothing_shows_the_age_of_its_data_and_takes_only_stop(p
 def test_cell_left_stopped_with_an_open_door_and_a_frozen_service_is_ready_for_the_next_test(cell: RunningCell) -> None:
     cell.sim("open_door")
     httpx.post(cell.stop_url, json={"because": "left so"}, trust_env=False, timeout=60.0)
-    assert cell.get("/cell")["state"] == "STOPPED"
+    assert cell.reaches("STOPPED")
     cell.freeze("cellctl.api")
     cell.make_ready()
     left = cell.get("/cell")
