@@ -144,7 +144,7 @@ def test_stop_needs_no_sign_in_and_shows_its_round_trip(page: Page, cell: Runnin
 
     expect(page.locator("#stop-said")).to_contain_text("STOPPED in")
     expect(page.locator("#stop-said")).to_contain_text("ms")
-    assert cell.get("/cell")["state"] == "STOPPED"
+    assert cell.reaches("STOPPED")
 
     sign_in(page, cell)
     page.get_by_role("button", name="RESET").click()
