@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planner.mesh.mesh import Mesh
+from planner.mesh.ridge import ridge_edges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,9 +39,12 @@ def edge_bends(mesh: Mesh) -> Floats:
 def crease_edges(mesh: Mesh, crease_deg: float) -> Flags:
     """Which edges are creases: (m, 3) bool, edge k of facet f runs from its vertex k to k + 1.
 
-    A crease bends more than crease_deg or has no facet on its other side. Both half-edges of an edge agree.
+    A crease bends more than crease_deg, or more than the surface beside it (`ridge.ridge_edges`), or has no facet on its
+    other side. Both half-edges of an edge agree.
     """
-    return np.asarray(edge_bends(mesh) > np.radians(crease_deg))
+    bends = edge_bends(mesh)
+    crease_rad = float(np.radians(crease_deg))
+    return np.asarray((bends > crease_rad) | ridge_edges(mesh, bends, crease_rad))
 
 
 def corner_normals(mesh: Mesh, crease_deg: float, weighting: Weighting = "sphere") -> Floats:

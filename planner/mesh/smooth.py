@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from planner.mesh.arcs import with_arc_ends
-from planner.mesh.crease import corner_normals, edge_bends, smooth_fans
+from planner.mesh.crease import corner_normals, crease_edges, edge_bends, smooth_fans
 from planner.mesh.curvature import facet_curvatures
 from planner.mesh.mesh import Mesh
 from planner.nurbs.handles import equal_speed
@@ -73,7 +73,7 @@ def smooth_surface(mesh: Mesh, crease_deg: float) -> SmoothSurface:
 
 def _smooth_surface(mesh: Mesh, crease_deg: float) -> SmoothSurface:
     bends = edge_bends(mesh)
-    creases = bends > np.radians(crease_deg)
+    creases = crease_edges(mesh, crease_deg)
     flats = bends <= _rounding_rad(mesh)
     fans = smooth_fans(mesh, creases)
     normals = corner_normals(mesh, crease_deg)
