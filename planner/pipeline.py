@@ -17,7 +17,7 @@ from planner.mesh.mesh import Mesh, mesh_of
 from planner.plan import Layer, Plan
 from planner.process import Bead, Settings
 from planner.recipe import Recipe
-from planner.slicing.contours import ContourStyle
+from planner.slicing.contours import ContourStyle, doubted
 from planner.slicing.fitted import fitted_shapes
 from planner.slicing.layers import layer_levels
 from planner.slicing.regions import LayerRegion, layer_regions
@@ -70,6 +70,7 @@ def plan(
     layers = handout.finish()
     if recipe.process != "mill":
         notes += _overhang_findings(regions)
+    notes += _doubt_findings(regions, ContourStyle.from_recipe(recipe))
     say("done", 1.0)
     return Plan(
         part_name=part_name,
@@ -204,6 +205,12 @@ def _refuse_empty(regions: list[LayerRegion]) -> None:
                 f"nothing of the part lies between z {region.z_bottom:.3f} and {region.z_top:.3f} mm, but something above",
                 "plan the bodies one by one",
             )
+
+
+def _doubt_findings(regions: list[LayerRegion], style: ContourStyle) -> list[str]:
+    """One line if contours are the facets' although the smooth surface was asked for."""
+    count = doubted([section for region in regions for section in (region.bottom, region.middle, region.top)], style)
+    return [f"{count} contours follow the facets where the smooth surface was in doubt"] if count else []
 
 
 def _overhang_findings(regions: list[LayerRegion]) -> list[str]:

@@ -54,6 +54,20 @@ class SmoothSurface:
         """(m, 3, 3) float, 1/mm: curvature tensor of each facet, > 0 convex."""
         return facet_curvatures(self.mesh, self.normals)
 
+    @cached_property
+    def rises(self) -> Floats:
+        """(m,) float, mm: how high the surface may stand over each facet, the largest of bend · height / 8 over its edges.
+
+        The height is that of the higher facet on the edge; creases say nothing. Over the strips of a cylinder this is
+        their sagitta, over equilateral facets of a sphere half that of their edges.
+        """
+        mesh = self.mesh
+        length = np.linalg.norm(np.roll(mesh.corners, -1, axis=1) - mesh.corners, axis=2)
+        height = 2.0 * mesh.areas[:, None] / np.maximum(length, 1e-300)
+        mate = np.where(mesh.adjacency >= 0, mesh.half_edge_mates.reshape(-1, 3), np.arange(height.size).reshape(-1, 3))
+        higher = np.maximum(height, height.ravel()[mate])
+        return np.asarray(np.where(self.creases, 0.0, self.bends * higher / 8.0).max(axis=1))
+
 
 _SURFACES: WeakKeyDictionary[Mesh, dict[float, SmoothSurface]] = WeakKeyDictionary()
 

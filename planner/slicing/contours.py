@@ -25,6 +25,7 @@ from planner.nurbs.sampling import divide_evenly
 from planner.plan import Contour
 from planner.recipe import Recipe
 from planner.slicing.chain import chain_of
+from planner.slicing.doubt import doubtful
 from planner.slicing.nearness import nearest_sides
 from planner.slicing.nodes import Outline, node_kinds
 from planner.slicing.regions import LayerRegion, built_region, is_same
@@ -73,25 +74,47 @@ class SectionCurve:
 
 
 _FITTED: WeakKeyDictionary[Section, dict[ContourStyle, list[Curve]]] = WeakKeyDictionary()
+_DOUBTED: WeakKeyDictionary[Section, dict[ContourStyle, int]] = WeakKeyDictionary()
 
 
 def fitted_curves(sections: Sequence[Section], mesh: Mesh, style: ContourStyle = ContourStyle()) -> list[list[Curve]]:
     """Every loop of every section as a curve, as `section_curves_many`, but not measured.
 
-    Fitted in lots of LOT_POINTS points, and kept as long as their section is. Raises as `section_curves_many`.
+    Fitted in lots of LOT_POINTS points, and kept as long as their section is. With fit = "surface", a contour that lies
+    farther from its loop than the facets along it can stand for (`doubtful`) is the loop itself instead.
+    Raises as `section_curves_many`.
     """
     if style.fit not in ("surface", "facets"):
         raise InputError(f"fit is {style.fit!r}", 'choose "surface" or "facets"')
     new = [section for section in dict.fromkeys(sections) if style not in _FITTED.get(section, {})]
     for lot in lots(new):
         outline = Outline.of(lot)
-        made: Iterator[Curve] = iter(())
+        made: Iterator[tuple[Curve, bool]] = iter(())
         if len(outline.loop):
-            surface = smooth_surface(mesh, style.crease_deg)
-            made = iter((_along_surface if style.fit == "surface" else _along_facets)(outline, surface, style))
+            made = _along(outline, smooth_surface(mesh, style.crease_deg), style)
         for section in lot:
-            _FITTED.setdefault(section, {})[style] = [next(made) for _ in section.loops]
+            own = [next(made) for _ in section.loops]
+            _FITTED.setdefault(section, {})[style] = [curve for curve, _ in own]
+            _DOUBTED.setdefault(section, {})[style] = sum(is_doubted for _, is_doubted in own)
     return [_FITTED[section][style] for section in sections]
+
+
+def doubted(sections: Sequence[Section], style: ContourStyle = ContourStyle()) -> int:
+    """How many contours of the sections follow the facets although fit = "surface", of those fitted so far."""
+    return sum(_DOUBTED.get(section, {}).get(style, 0) for section in dict.fromkeys(sections))
+
+
+def _along(outline: Outline, surface: SmoothSurface, style: ContourStyle) -> Iterator[tuple[Curve, bool]]:
+    """A curve for each loop, and whether it follows the facets because the smooth surface is in doubt."""
+    if style.fit == "facets":
+        for curve in _along_facets(outline, surface, style):
+            yield curve, False
+        return
+    curves = _along_surface(outline, surface, style)
+    doubts = doubtful(curves, outline, surface)
+    instead = iter(_polygons(outline, np.flatnonzero(doubts)))
+    for curve, is_doubted in zip(curves, doubts.tolist(), strict=True):
+        yield (next(instead), True) if is_doubted else (curve, False)
 
 
 def lots(sections: Sequence[Section]) -> Iterator[list[Section]]:
@@ -115,8 +138,9 @@ def section_curves_many(
 
     mesh : the one that was cut. Where the contour crosses a crease it has a corner.
     fit = "surface": slice points are lifted onto the smooth surface that the facets stand for (`lifted_nodes`), those
-    that only the diagonal of a plane face made are dropped, directions are the surface's. fit = "facets": the loop's
-    own sides, densified to epsilon_mm (paper Eqs. 12, 13).
+    that only the diagonal of a plane face made are dropped, directions are the surface's; a contour that this leads
+    farther from its loop than four times what its facets can rise (`doubtful`) is the loop itself. fit = "facets": the
+    loop's own sides, densified to epsilon_mm (paper Eqs. 12, 13).
     Raises InputError for an unknown fit; FitError as `interpolate_many`.
     """
     curves = fitted_curves(sections, mesh, style)
@@ -155,6 +179,13 @@ def _along_surface(outline: Outline, surface: SmoothSurface, style: ContourStyle
 def arc_tolerance_mm(mesh: Mesh) -> float:
     """How near to one circle or line the nodes of an exact arc or line lie: the rounding of stored coordinates, mm."""
     return 2.0 * STORED * float(max(np.abs(mesh.bounds).max(), mesh.diagonal))
+
+
+def _polygons(outline: Outline, loops: Ints) -> list[Curve]:
+    """The sides of some loops as they are, a corner at every point that bends.  loops : (k,) int64"""
+    ends = zip(outline.start[loops].tolist(), outline.start[loops + 1].tolist(), strict=True)
+    kept = [drop_collinear(outline.points[first:last], _COLLINEAR_MM, closed=True)[0] for first, last in ends]
+    return interpolate_many(kept, closed=True, corners=[np.ones(len(points), dtype=bool) for points in kept])
 
 
 def _along_facets(outline: Outline, surface: SmoothSurface, style: ContourStyle) -> list[Curve]:
