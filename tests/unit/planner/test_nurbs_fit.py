@@ -284,7 +284,10 @@ def test_known_curvatures_are_taken() -> None:
     t = np.array([0.0, 0.9, 1.5, 2.6, 3.5, 4.4, 5.4])
     points, tangents = np.column_stack([np.cos(t), np.sin(t)]), np.column_stack([-np.sin(t), np.cos(t)])
     told = interpolate(points, closed=True, tangents=tangents, curvatures=-points)
-    assert from_circle(told, 1.0) <= 5e-4 < from_circle(interpolate(points, closed=True, tangents=tangents), 1.0)
+    equal_speed = interpolate(points, closed=True, tangents=tangents, handles="speed")
+    assert from_circle(told, 1.0) <= 5e-4 < from_circle(equal_speed, 1.0)
+    flatter = interpolate(points, closed=True, tangents=tangents, curvatures=-0.9 * points)
+    assert flatter.curvature(flatter.breaks[1:-1]) == pytest.approx(0.9, rel=1e-6)
 
 
 def test_one_sided_tangents_are_taken_at_corners() -> None:
