@@ -119,7 +119,6 @@ def five_point_curvatures(w: Floats, count: int) -> None:  # pragma: no cover - 
 def tangents_astray(w: Floats, count: int) -> None:  # pragma: no cover - compiled
     """ASTRAY = |T x V|² of the joints 1 ... count + 1 of a block, mm²: how far tangents may be wrong.
 
-    0 where the tangent was given.
     w, count : as `tangents.measure_chords`, after the tangents   V = 7 (q1 + q2) - q0 - q3, twelve times the derivative
     by the point's number to fourth order. On points evenly (or smoothly) spaced along a smooth curve T and V agree;
     noise, uneven spacing, jumps of curvature and too few points part them.
@@ -130,7 +129,7 @@ def tangents_astray(w: Floats, count: int) -> None:  # pragma: no cover - compil
         z = 7.0 * (w[CHORD_Z + j + 1] + w[CHORD_Z + j + 2]) - w[CHORD_Z + j] - w[CHORD_Z + j + 3]
         tx, ty, tz = w[TANGENT_X + j + 1], w[TANGENT_Y + j + 1], w[TANGENT_Z + j + 1]
         x, y, z = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
-        w[ASTRAY + j + 1] = 0.0 if w[GIVEN + j + 1] % 2 == 1.0 else x * x + y * y + z * z
+        w[ASTRAY + j + 1] = x * x + y * y + z * z
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
