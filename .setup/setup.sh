@@ -102,12 +102,17 @@ install_bench() {
     [ -z "$missing" ] || say "could not be had here:$missing (log in $LOG); the rows of these peers will say so"
 }
 
-# A compiled kernel that was kept does not notice that a kernel it calls, in another file, has changed.
-forget_stale_kernels() {
+# Compiled once, before anything has to wait for it. A kernel that was kept does not notice that a kernel it calls, in another file, has changed.
+compile_kernels() {
     local wanted; wanted=$(grep -rl --include='*.py' njit planner sim | LC_ALL=C sort | { files=$(cat); hash_of $files; })
     [ "$(cat "$KERNEL_STAMP" 2>/dev/null)" = "$wanted" ] && return
     find planner sim -path '*/__pycache__/*' \( -name '*.nbi' -o -name '*.nbc' \) -delete
-    printf '%s\n' "$wanted" >"$KERNEL_STAMP"
+    say "compiling the numeric kernels; this takes a minute or two"
+    if "$VENV/bin/python" .setup/compile_kernels.py >>"$LOG" 2>&1; then
+        printf '%s\n' "$wanted" >"$KERNEL_STAMP"
+    else
+        say "not all kernels could be compiled now (log in $LOG); the rest follows when it is needed"
+    fi
 }
 
 # One set-up at a time in a checkout: the second waits and then finds everything done.
@@ -115,7 +120,7 @@ exec 9<"$LOCK"
 if command -v flock >/dev/null 2>&1; then flock 9; fi
 install_lock
 install_project
-forget_stale_kernels
+compile_kernels
 if [ "${1:-}" = bench ]; then install_bench; fi
 said=$("$VENV/bin/python" cellctl/console/build.py) || exit 1
 case $said in *"up to date"* | *"nothing to build"*) ;; *) printf '%s\n' "$said" ;; esac

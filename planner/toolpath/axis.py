@@ -28,6 +28,7 @@ _FOLLOWS_MM = 0.02  # how far rulings drawn on may cut into the wall below: a fi
 _FEWEST = 8  # poses that still make a path round a wall
 _JUMP_RAD = np.radians(20.0)  # between neighbouring poses: more is no ruling that changes, but another wall
 _CORNER = np.cos(np.radians(1.0))  # directions of a wall that turn more at one place make a corner
+_STANDS_MM = 1e-3  # a tip that comes no farther from its middle stands still: the bore is as wide as the cutter
 _TURN = np.cos(np.radians(25.0))  # tip paths that turn more from point to point have a corner there
 
 
@@ -44,8 +45,9 @@ def ruled_motions(
     wall : bottom and top with the part on their left   below_mm : how far the flank reaches under the bottom
     floor_z : the cutter's end stays above it; None: free below   others : walls that it must not cut either.
     Tip = bottom point + (radius + what is left) x normal, axis = ruling: the flank touches the whole ruling. Points at
-    which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left, if the axis
-    would have to jump, or if the way past what is left out would cut a wall.
+    which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left, if the tip would
+    stand still (a bore as wide as the cutter), if the axis would have to jump, or if the way past what is left out
+    would cut a wall.
     """
     count = max(24, int(np.ceil(max(wall.bottom.length, wall.top.length) / _STEP_MM)))
     u, along = _places(wall, count)
@@ -65,7 +67,8 @@ def ruled_motions(
         free = _is_free(tip, axis, stands, radius + leave)
         if free.sum() < _FEWEST or not _bridges_free(tip, axis, free, stands, radius):
             continue
-        if _largest_turn(axis[free]) <= _JUMP_RAD:
+        moves = free & (np.linalg.norm(tip - tip[free].mean(axis=0), axis=1) > _STANDS_MM)
+        if moves.sum() >= _FEWEST and _largest_turn(axis[free]) <= _JUMP_RAD:
             motions.append(_closed(tip[free][::-1], axis[free][::-1]))
     return motions
 

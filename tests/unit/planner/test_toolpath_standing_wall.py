@@ -32,3 +32,10 @@ def test_a_flank_pass_along_a_wall_whose_bottom_stands_still_has_finite_tips_and
     for motion in motions:
         u = np.linspace(0.0, 1.0, 500)
         assert np.isfinite(motion.tip.evaluate(u)).all() and np.isfinite(motion.axis.evaluate(u)).all()
+
+
+def test_a_bore_as_wide_as_the_cutter_gives_no_flank_pass_instead_of_one_that_stands_still() -> None:
+    settings = Settings.from_recipe(Recipe())
+    back = np.linspace(2.0 * np.pi, 0.0, 97)
+    bore = Wall(ring(settings.cutter_radius_mm, 0.0, back), ring(settings.cutter_radius_mm, 2.0, back))
+    assert ruled_motions(bore, 0.0, 0.0, None, settings) == []
