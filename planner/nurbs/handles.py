@@ -144,7 +144,7 @@ def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compil
     A piece and both its neighbours must change by more at the middle than (1) tangents that are as wrong as they
     disagree with central differences would move it, and (2) unresolved curvature would, which falls like the square of
     its second difference. Otherwise (uneven points, inflections, curvature that jumps, coarse or noisy points) the
-    equal speed stands.
+    equal speed stands. Tangents that were given are believed: there only the signs and the range of handles decide.
     Source: de Boor, Hoellig, Sabin, High accuracy geometric Hermite interpolation, CAGD 4 (1987).
     """
     for j in range(count):
@@ -168,8 +168,9 @@ def matched_handles(w: Floats, count: int) -> None:  # pragma: no cover - compil
         astray = max(w[ASTRAY + j + 1], w[ASTRAY + j + 2])
         fits = (nx * bx + ny * by + nz * bz > 0.0) & (mx * bx + my * by + mz * bz > 0.0)
         fits &= (even > _HANDLE_LOW * length) & (even < _HANDLE_HIGH * length)
-        fits &= abs(change) > _SMOOTH * length * length * length * (x * x + y * y + z * z)
-        fits &= change * change > _SURE * length * length * astray * square
+        told = (w[GIVEN + j + 1] % 2.0 == 1.0) & (w[GIVEN + j + 2] % 2.0 == 1.0)
+        fits &= told | (abs(change) > _SMOOTH * length * length * length * (x * x + y * y + z * z))
+        fits &= told | (change * change > _SURE * length * length * astray * square)
         w[FITS + j + 2] = 1.0 if fits else 0.0
         w[HANDLE_END + j + 2] = even
     w[FITS + 1], w[FITS + count + 2] = 1.0, 1.0
