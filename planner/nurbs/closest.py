@@ -173,8 +173,8 @@ def _leaf_box(net: Floats, degree: int, rational: bool, box: Floats) -> None:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _box_distance2(box: Floats, point: Floats) -> float:
-    """Squared distance of a point from a box."""
+def box_distance2(box: Floats, point: Floats) -> float:
+    """Squared distance of a point from a box, mm²; 0 inside.  box : (2, d) float, mm, least and greatest   point : (d,)"""
     total = 0.0
     for axis in range(point.size):
         apart = max(box[0, axis] - point[axis], point[axis] - box[1, axis], 0.0)
@@ -273,7 +273,7 @@ def _nearest(
                 continue
             middle = (a + b) // 2
             right = node + 2 * (middle - a)
-            near, far = _box_distance2(boxes[node + 1], point), _box_distance2(boxes[right], point)
+            near, far = box_distance2(boxes[node + 1], point), box_distance2(boxes[right], point)
             left_first = near <= far
             for place in range(2):
                 is_left = (place == 1) == left_first

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from planner.nurbs.closest import checked_points
+from planner.nurbs.closest import box_distance2, checked_points
 from planner.nurbs.surface_foot import foot_on_patch
 from planner.nurbs.surface_patches import BezierPatches, halve_columns, halve_rows
 
@@ -216,16 +216,6 @@ def _tree(leaf_boxes: Floats) -> tuple[Indices, Floats]:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _box_distance2(box: Floats, point: Floats) -> float:
-    """Squared distance of a point from a box."""
-    total = 0.0
-    for axis in range(point.size):
-        apart = max(box[0, axis] - point[axis], point[axis] - box[1, axis], 0.0)
-        total += apart * apart
-    return total
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
 def _nearest(
     nets: Floats, bounds: Floats, rims: Indices, boxes: Floats, rational: bool, points: Floats
 ) -> tuple[Floats, Floats, Floats]:
@@ -253,7 +243,7 @@ def _nearest(
                 continue
             middle = (low + high) // 2
             right = node + 2 * (middle - low)
-            near, far = _box_distance2(boxes[node + 1], point), _box_distance2(boxes[right], point)
+            near, far = box_distance2(boxes[node + 1], point), box_distance2(boxes[right], point)
             left_first = near <= far
             for place in range(2):
                 is_left = (place == 1) == left_first
