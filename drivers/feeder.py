@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from drivers.errors import DriverError
-from drivers.modbus.device import DeviceClient
+from typing import ClassVar
 
-SHOWN = ("rate_readback", "carrier_gas_readback", "shield_gas_readback", "hopper_level", "fault_word", "heartbeat_readback")
+from drivers.modbus.view import DeviceView
 
 
-class Feeder:
+class Feeder(DeviceView):
     """Thin view of a feeder's registers. Setters take effect at the next cycle (the client's `wake` is set)."""
 
-    def __init__(self, client: DeviceClient) -> None:
-        self.client = client
+    SHOWN: ClassVar[tuple[str, ...]] = (
+        "rate_readback", "carrier_gas_readback", "shield_gas_readback", "hopper_level", "fault_word", "heartbeat_readback",
+    )  # fmt: skip
 
     def set_rate(self, g_min: float) -> None:
         """Want this powder rate, g/min. Raises RangeError_ beyond the feeder's bounds."""
@@ -29,14 +29,6 @@ class Feeder:
     def reset_faults(self) -> None:
         """Ask the feeder to leave its latched faults."""
         self.client.pulse("fault_reset")
-
-    def safe(self) -> None:
-        """Want powder and gas off; they go first in the next cycle."""
-        self.client.safe()
-
-    async def cycle(self) -> None:
-        """Write, read and compare once; errors are in `last_error`."""
-        await self.client.cycle()
 
     @property
     def rate_setpoint_g_min(self) -> float:
@@ -72,28 +64,3 @@ class Feeder:
     def hopper_fraction(self) -> float:
         """How full the hopper is, 0..1 (NaN: never read)."""
         return self.client.value("hopper_level")
-
-    @property
-    def age_s(self) -> float:
-        """Age of the oldest reading, s (infinite: never read)."""
-        return self.client.oldest(SHOWN)
-
-    @property
-    def is_stale(self) -> bool:
-        """Whether one of the readings is older than its limit."""
-        return any(self.client.is_stale(name) for name in SHOWN)
-
-    @property
-    def connected(self) -> bool:
-        """Whether the feeder answers."""
-        return self.client.connected
-
-    @property
-    def last_error(self) -> DriverError | None:
-        """What went wrong in the last cycle."""
-        return self.client.last_error
-
-    @property
-    def faults(self) -> list[str]:
-        """Texts of the feeder's own faults, of wrong values read back and of a heartbeat that is not followed."""
-        return self.client.flags("fault_word") + self.client.faults

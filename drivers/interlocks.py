@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from drivers.errors import DriverError
-from drivers.modbus.device import DeviceClient
+from typing import ClassVar
+
+from drivers.modbus.view import DeviceView
 
 LEVELS = ("estop_ok", "door_closed", "chiller_ok", "gas_pressure_ok", "fume_extraction_ok", "head_deployed", "head_parked")
-SHOWN = (*LEVELS, "heartbeat_readback")
 
 
-class Io:
+class Io(DeviceView):
     """Thin view of the coupler's registers. A stale or never read level is the unsafe one: False."""
 
-    def __init__(self, client: DeviceClient) -> None:
-        self.client = client
+    SHOWN: ClassVar[tuple[str, ...]] = (*LEVELS, "heartbeat_readback")
 
     def deploy_head(self) -> None:
         """Want the deposition head at its working position."""
@@ -22,14 +21,6 @@ class Io:
     def park_head(self) -> None:
         """Want the deposition head out of the way."""
         self.client.set("head_deploy", 0.0)
-
-    def safe(self) -> None:
-        """Want every output at its safe value."""
-        self.client.safe()
-
-    async def cycle(self) -> None:
-        """Write, read and compare once; errors are in `last_error`."""
-        await self.client.cycle()
 
     def level(self, name: str) -> bool:
         """A level, False when its reading is stale."""
@@ -74,28 +65,3 @@ class Io:
     def is_deploying(self) -> bool:
         """Whether the head is wanted at its working position."""
         return bool(self.client.desired["head_deploy"])
-
-    @property
-    def age_s(self) -> float:
-        """Age of the oldest reading, s (infinite: never read)."""
-        return self.client.oldest(SHOWN)
-
-    @property
-    def is_stale(self) -> bool:
-        """Whether one of the readings is older than its limit."""
-        return any(self.client.is_stale(name) for name in SHOWN)
-
-    @property
-    def connected(self) -> bool:
-        """Whether the coupler answers."""
-        return self.client.connected
-
-    @property
-    def last_error(self) -> DriverError | None:
-        """What went wrong in the last cycle."""
-        return self.client.last_error
-
-    @property
-    def faults(self) -> list[str]:
-        """Wrong values read back and a heartbeat that is not followed."""
-        return self.client.faults

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from drivers.errors import DriverError
-from drivers.modbus.device import DeviceClient
+from typing import ClassVar
 
-SHOWN = ("power_readback", "emission", "interlock_word", "fault_word", "heartbeat_readback")
+from drivers.modbus.view import DeviceView
 
 
-class Laser:
+class Laser(DeviceView):
     """Thin view of a laser's registers. Setters take effect at the next cycle (the client's `wake` is set)."""
 
-    def __init__(self, client: DeviceClient) -> None:
-        self.client = client
+    SHOWN: ClassVar[tuple[str, ...]] = ("power_readback", "emission", "interlock_word", "fault_word", "heartbeat_readback")
 
     def enable(self, on: bool) -> None:
         """Want the power stage on or off; emission needs the permit besides."""
@@ -29,14 +27,6 @@ class Laser:
     def reset_faults(self) -> None:
         """Ask the laser to leave its latched faults."""
         self.client.pulse("fault_reset")
-
-    def safe(self) -> None:
-        """Want permit, power and enable off; they go first in the next cycle."""
-        self.client.safe()
-
-    async def cycle(self) -> None:
-        """Write, read and compare once; errors are in `last_error`."""
-        await self.client.cycle()
 
     @property
     def power_setpoint_w(self) -> float:
@@ -64,31 +54,6 @@ class Laser:
         return self.client.is_stale("emission") or self.client.value("emission") != 0.0
 
     @property
-    def age_s(self) -> float:
-        """Age of the oldest reading, s (infinite: never read)."""
-        return self.client.oldest(SHOWN)
-
-    @property
-    def is_stale(self) -> bool:
-        """Whether one of the readings is older than its limit."""
-        return any(self.client.is_stale(name) for name in SHOWN)
-
-    @property
-    def connected(self) -> bool:
-        """Whether the laser answers."""
-        return self.client.connected
-
-    @property
-    def last_error(self) -> DriverError | None:
-        """What went wrong in the last cycle."""
-        return self.client.last_error
-
-    @property
     def interlocks(self) -> list[str]:
         """Texts of the interlocks that are open."""
         return self.client.flags("interlock_word")
-
-    @property
-    def faults(self) -> list[str]:
-        """Texts of the laser's own faults, of wrong values read back and of a heartbeat that is not followed."""
-        return self.client.flags("fault_word") + self.client.faults
