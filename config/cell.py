@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from config.base import Facts, Finite, NotNegative, Positive, Vector3, find_facts, read_facts
+from config.base import ConfigError, Facts, Finite, NotNegative, Positive, Vector3, find_facts, read_facts
+from config.machine import MachineGeometry, ProofLimits
 
 Letter = Literal["X", "Y", "Z", "A", "B", "C"]
 
@@ -60,6 +61,18 @@ class Kinematics(Facts):
     head: tuple[Joint, ...] = ()
 
 
+class Nozzle(Facts):
+    """Shape of a coaxial deposition head, from the focus upwards: air, the nozzle's cone, the cylinder of the head's body.
+
+    The body's diameter is the tool's `holder_diameter_mm`. Usual coaxial heads stand off 7 to 16 mm.
+    """
+
+    standoff_mm: Positive = Field(13.0, description="from the focus (the tip) to the nozzle's end")
+    end_diameter_mm: Positive = Field(12.0, description="of the nozzle's end")
+    cone_length_mm: Positive = Field(60.0, description="from the nozzle's end to the body")
+    body_length_mm: Positive = Field(120.0, description="of the body above the cone")
+
+
 class Tool(Facts):
     """A deposition head or a cutter, as mounted."""
 
@@ -70,9 +83,18 @@ class Tool(Facts):
     diameter_mm: Positive = Field(description="cutter diameter, or laser spot")
     corner_radius_mm: NotNegative = 0.0
     flute_length_mm: NotNegative = 0.0
-    holder_diameter_mm: Positive = 40.0
+    holder_diameter_mm: Positive = Field(40.0, description="of a cutter's holder, or of the deposition head's body")
+    shank_diameter_mm: Positive | None = Field(None, description="of a cutter above its flutes; none: the cutter's diameter")
+    stickout_mm: Positive | None = Field(None, description="of a cutter out of its holder; none: its flutes and one diameter more")
+    nozzle: Nozzle = Nozzle()
     teeth: int = Field(2, ge=1)
     max_rpm: Positive = 18000.0
+
+    @property
+    def stickout(self) -> float:
+        """mm from a cutter's tip to its holder; at most its whole gauge length."""
+        wanted = self.flute_length_mm + self.diameter_mm if self.stickout_mm is None else self.stickout_mm
+        return min(wanted, -self.tip_mm[2]) if self.tip_mm[2] < 0.0 else wanted
 
 
 class Cnc(Facts):
@@ -175,15 +197,29 @@ class Cell(Facts):
     limits: Limits = Limits()
     service: Service = Service()
     simulation: Simulation = Simulation()
+    machine: MachineGeometry | None = Field(None, description="none: no collisions are looked for")
+    proof: ProofLimits = ProofLimits()
     chord_tolerance_mm: Positive = Field(0.01, description="linearisation, tip")
     axis_tolerance_deg: Positive = Field(0.05, description="linearisation, tool axis")
     rapid_clearance_mm: Positive = Field(5.0, description="above the highest metal, along the tool axis")
 
     @property
     def sha256(self) -> str:
-        """Hash (hex) of what a Program depends on: everything but the wires, the service's address and the simulation."""
-        wires: dict[str, bool | set[str]] = {"mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True}
-        return hashlib.sha256(self.model_dump_json(exclude=wires).encode()).hexdigest()
+        """Hash (hex) of what a Program depends on: not the wires, the service's address, the simulation, and what only the proof looks at."""
+        left_out: dict[str, Any] = {
+            "mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True, "machine": True, "proof": True,
+            "tools": {"__all__": {"shank_diameter_mm", "stickout_mm", "nozzle"}},
+        }  # fmt: skip
+        return hashlib.sha256(self.model_dump_json(exclude=left_out).encode()).hexdigest()
+
+    @property
+    def twin_sha256(self) -> str:
+        """Hash (hex) of what only a Proof depends on: the simulation, the machine's shape (files included), the tools and the verdict's limits."""
+        digest = hashlib.sha256(self.model_dump_json(include={"simulation", "machine", "proof", "tools"}).encode())
+        for solid in self.machine.solids if self.machine else ():
+            if solid.file:
+                digest.update(Path(solid.file).read_bytes())
+        return digest.hexdigest()
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -220,4 +256,12 @@ def _no_axis(letter: str) -> Axis:
 
 def load_cell(name: str | Path) -> Cell:
     """Cell by path or shipped name. Raises ConfigError."""
-    return read_facts(Cell, find_facts("cells", str(name)))
+    path = find_facts("cells", str(name))
+    cell = read_facts(Cell, path)
+    if cell.machine is None:
+        return cell
+    machine = cell.machine.beside(path.parent)
+    absent = next((solid for solid in machine.solids if solid.shape == "stl" and not Path(solid.file).is_file()), None)
+    if absent is not None:
+        raise ConfigError(f"{path}: machine.solids {absent.name}: no file {absent.file}", "name an STL beside the cell's file or by its whole path")
+    return cell.model_copy(update={"machine": machine})
