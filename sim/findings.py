@@ -1,17 +1,26 @@
-"""What a proof finds wrong: each kind once per operation, with its first line and how often it happened."""
+"""What a proof finds wrong: each kind once per operation, with its first line, its worst place and how often it happened."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
 
 from sim.job import Job
+from sim.remedies import HELP
+
+Severity = Literal["error", "warning"]
+Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Finding:
     """One thing that is wrong; an "error" fails the proof, a "warning" does not.
 
-    line is the N-word (0: the whole Program), layer and operation as in the Program's table (-1: none), count how often it was seen.
+    line : N-word of the worst case (0: the whole Program); first_line : of the first
+    layer, operation : as in the Program's table (-1: none)
+    count : how often it was seen in this operation
+    at_mm : worst place, build frame, or None   depth_mm : how deep, how far beyond, over what length; 0 where that says nothing
+    help : what would help, one sentence
     """
 
     kind: str
@@ -20,7 +29,16 @@ class Finding:
     layer: int
     operation: int
     count: int = 1
-    severity: str = "error"
+    severity: Severity = "error"
+    at_mm: Place | None = None
+    depth_mm: float = 0.0
+    help: str = ""
+    first_line: int = 0
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data; lengths rounded to 1 um."""
+        place = None if self.at_mm is None else [round(value, 3) for value in self.at_mm]
+        return {**asdict(self), "at_mm": place, "depth_mm": round(self.depth_mm, 3)}
 
 
 class Findings:
@@ -31,16 +49,27 @@ class Findings:
         self._found: dict[tuple[str, int], Finding] = {}
         self.is_fatal = False
 
-    def add(self, kind: str, text: str, line: int, fatal: bool = False) -> None:
-        """Note one finding at a line."""
+    def add(
+        self, kind: str, text: str, line: int, fatal: bool = False, *, at_mm: Place | None = None, depth_mm: float = 0.0,
+        severity: Severity = "error", help: str = "", count: int = 1,
+    ) -> None:  # fmt: skip
+        """Note one finding at a line. Of one kind in one operation the deepest stands, the first of equals."""
         known = 0 < line <= len(self._table)
         row = self._table[line - 1] if known else None
         layer, operation = (int(row["layer"]), int(row["operation"])) if row is not None else (-1, -1)
         key = (kind, operation)
+        new = Finding(kind, text, line, layer, operation, count, severity, at_mm, depth_mm, help or HELP.get(kind, ""), line)
         old = self._found.get(key)
-        self._found[key] = replace(old, count=old.count + 1) if old else Finding(kind, text, line, layer, operation)
+        if old is not None:
+            worse = new if depth_mm > old.depth_mm else old
+            new = replace(worse, count=old.count + count, first_line=old.first_line, severity=_graver(old.severity, severity))
+        self._found[key] = new
         self.is_fatal |= fatal
 
     def all(self) -> tuple[Finding, ...]:
         """In the order in which they were first seen."""
         return tuple(self._found.values())
+
+
+def _graver(one: Severity, other: Severity) -> Severity:
+    return "error" if "error" in (one, other) else "warning"

@@ -4,23 +4,33 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from config import Material
 from sim.compare import Deviation
 from sim.findings import Finding
 from sim.job import Job
 from sim.process.melt import bead_section
+from sim.timeline import Timeline
 
 MISSING_SHARE = 0.005  # of the part's volume: what a polisher would not notice, and a lost bead exceeds
-PROOF_SCHEMA = 1
+PROOF_SCHEMA = 2
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What the twin says of a Program. `reasons` are the lines that an engineer reads first; empty when passed."""
+    """What the twin says of a Program. `reasons` are the lines that an engineer reads first; empty when passed.
+
+    thresholds : what the verdict was measured by, name (with its unit) -> value
+    layers : deviation per layer   milled : deviation of surfaces that a cutter left, None without such   histogram : of the deviation
+    clearance_mm : least distance seen between bodies that must not touch; None when it was not watched
+    timeline, built : for the report; built is (vertices (n, 3) mm, facets (m, 3), deviation of each vertex mm) of the as-built surface
+    """
 
     passed: bool
     program_sha256: str
@@ -35,16 +45,24 @@ class Proof:
     deposited_mm3: float
     lost_powder_mm3: float
     picture: bytes = field(repr=False, default=b"")
+    removed_mm3: float = 0.0
+    clearance_mm: float | None = None
+    thresholds: Mapping[str, float] = field(default_factory=dict)
+    layers: tuple[Any, ...] = ()
+    milled: Deviation | None = None
+    histogram: Any = None
+    timeline: Timeline = field(repr=False, default_factory=Timeline.empty)
+    built: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]] | None = field(repr=False, default=None)
 
     def to_dict(self) -> dict[str, object]:
-        """Plain data without the picture."""
+        """Plain data without picture, timeline and surface."""
         return {
             "schema": PROOF_SCHEMA,
             "passed": self.passed,
             "program_sha256": self.program_sha256,
             "cell_mm": self.deviation.cell_mm,
             "reasons": list(self.reasons),
-            "findings": [asdict(finding) for finding in self.findings],
+            "findings": [finding.to_dict() for finding in self.findings],
             "deviation": self.deviation.as_dict(),
             "tolerance_mm": self.tolerance_mm,
             "allowed_mm": self.allowed_mm,
@@ -54,6 +72,9 @@ class Proof:
             "lines_executed": self.lines_executed,
             "deposited_mm3": self.deposited_mm3,
             "lost_powder_mm3": self.lost_powder_mm3,
+            "removed_mm3": self.removed_mm3,
+            "clearance_mm": self.clearance_mm,
+            "thresholds": dict(self.thresholds),
         }
 
     def to_json(self) -> str:
