@@ -34,7 +34,9 @@ class Bead(Facts):
     width_power_exponent: Finite
     width_speed_exponent: Finite
     min_power_w: Positive = Field(description="below it nothing melts")
-    step_over: Fraction = Field(description="distance of neighbouring tracks / width; flat top at about 0.66 for a parabola")
+    step_over: Fraction = Field(
+        description="distance of neighbouring tracks / width; flat top at about 0.66 for a parabola"
+    )
 
 
 class Deposition(Facts):
@@ -48,7 +50,9 @@ class Deposition(Facts):
     layer_height_mm: Window
     interpass_s: NotNegative = Field(description="least time from the start of one layer to the start of the next")
     max_overhang_deg: Positive = Field(description="wall angle from the build direction that holds without tilting")
-    overbuild: NotNegative = Field(description="relative: how much more than the layer height is deposited, so that no layer falls short")
+    overbuild: NotNegative = Field(
+        description="relative: how much more than the layer height is deposited, so that no layer falls short"
+    )
     stock_allowance_mm: NotNegative = Field(description="metal outside the part before milling, normal to the wall")
     lead_in_mm: NotNegative
     lead_out_mm: NotNegative
@@ -65,6 +69,48 @@ class Milling(Facts):
     cutter_diameter_mm: Positive = Field(description="usual cutter for walls and tops")
 
 
+class Thermal(Facts):
+    """Constants of the solid metal between room temperature and melting, as single effective values; for the melt pool's size."""
+
+    solidus_k: Positive
+    liquidus_k: Positive
+    hot_density_g_mm3: Positive
+    specific_heat_j_g_k: Positive
+    conductivity_w_mm_k: Positive
+    latent_heat_j_g: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Thermal:
+        if not 500.0 < self.solidus_k <= self.liquidus_k:
+            raise ValueError(f"needs 500 < solidus_k <= liquidus_k (has {self.solidus_k}, {self.liquidus_k})")
+        return self
+
+
+class Head(Facts):
+    """Laser and powder jet of the head with this powder: what single tracks are calibrated with. The spot is the tool's diameter."""
+
+    absorptivity: Fraction = Field(description="share of the laser power that heats pool and powder")
+    beam_half_angle_deg: NotNegative = Field(lt=45, description="by which the spot's radius grows off focus")
+    jet_diameter_mm: Positive = Field(description="of the powder jet at its focus, to 1/e2 of the peak")
+    jet_half_angle_deg: NotNegative = Field(lt=60, description="by which the jet's radius grows off focus")
+    sticking: Fraction = Field(description="share of the powder landing in the melt pool that stays there")
+    powder_cooling: Fraction = Field(
+        description="share of the added height by which the melted depth falls short of that without powder"
+    )
+
+
+class PartHeat(Facts):
+    """Lumped heat balance of part and plate between passes."""
+
+    ambient_k: Positive
+    plate_heat_capacity_j_k: Positive = Field(
+        description="of plate and what is bolted to it, as far as it follows within minutes"
+    )
+    plate_conductance_w_k: Positive = Field(description="from plate into table")
+    convection_w_m2_k: NotNegative
+    emissivity: Fraction
+
+
 class Material(Facts):
     """One powder."""
 
@@ -75,6 +121,17 @@ class Material(Facts):
     bead: Bead
     deposition: Deposition
     milling: Milling
+    thermal: Thermal
+    head: Head
+    part_heat: PartHeat
+
+    @model_validator(mode="after")
+    def _sourced(self) -> Material:
+        groups = {"density_g_mm3", "bead", "deposition", "milling", "thermal", "head", "part_heat"}
+        missing = sorted(groups - {key.split(".")[0] for key in self.source})
+        if missing:
+            raise ValueError(f"source: no origin stated for {', '.join(missing)}")
+        return self
 
 
 def load_material(name: str) -> Material:
