@@ -25,7 +25,8 @@ STATE_SIZE = END + AXES_MAX
 DURATION, PIECE_OUTPUTS, PIECE_LINE, PIECE_SPEED = range(4)
 FROM = 4
 TO = FROM + AXES_MAX
-PIECE_COLUMNS = TO + AXES_MAX
+PIECE_PROGRAMMED, PIECE_CAP, PIECE_RAPID, PIECE_RPM = range(TO + AXES_MAX, TO + AXES_MAX + 4)  # path speeds; 1 for G0; spindle
+PIECE_COLUMNS = PIECE_RPM + 1
 
 LENGTH_MIN = 1e-6  # mm or deg; shorter moves are none
 ROTARY_PIECE_DEG = 1.0  # a straight joint move bends the tip's path: 4 um at 100 mm radius per degree
@@ -121,6 +122,18 @@ def nominal_speed(block: Floats, feed_override: float, rapid_override: float) ->
 
 
 @njit(cache=True)
+def planned_s(blocks: Floats, state: Floats) -> float:
+    """Time of the planned blocks at their programmed speeds, s, what is done of the first one taken off."""
+    size = blocks.shape[0]
+    head, total = int(state[HEAD]), 0.0
+    for k in range(int(state[COUNT])):
+        block = blocks[(head + k) % size]
+        left = block[LENGTH] - (state[DISTANCE] if k == 0 else 0.0)
+        total += left / nominal_speed(block, 1.0, 1.0)
+    return total
+
+
+@njit(cache=True)
 def replan(blocks: Floats, state: Floats, feed_override: float, rapid_override: float) -> None:
     """Entry speeds of all blocks behind the executing one: last to first so that each can brake, first to last so that each can be reached."""
     size = blocks.shape[0]
@@ -194,6 +207,7 @@ def write_pieces(out: Floats, row: int, block: Floats, state: Floats, rotary: Fl
         piece = out[row + k]
         piece[DURATION], piece[PIECE_OUTPUTS], piece[PIECE_LINE] = t1 - t0, state[OUTPUTS], block[LINE]
         piece[PIECE_SPEED] = max(v + a * t1, 0.0)
+        piece[PIECE_PROGRAMMED], piece[PIECE_CAP], piece[PIECE_RAPID] = block[PROGRAMMED], block[CAP], block[IS_RAPID]
         for i in range(n):
             piece[FROM + i] = block[TARGET + i] - block[UNIT + i] * (back - s0)
             piece[TO + i] = block[TARGET + i] - block[UNIT + i] * max(back - s1, 0.0)

@@ -57,6 +57,7 @@ class Machine:
         self.suspend = Suspend.NONE
         self.alarm = 0
         self.slip: Floats = np.zeros(len(axes))
+        self.refused_target: tuple[float, ...] = ()  # of the move that a soft limit stopped, machine coordinates
         self.is_homed = True
         self.is_jogging = False
         self.tool = 0
@@ -108,6 +109,7 @@ class Machine:
                 if self.motion.is_full:
                     return False
                 if self._is_beyond_travel(action.target):
+                    self.refused_target = action.target
                     self._brake(Suspend.SOFT_LIMIT)
                     return False
                 self.motion.append(action.target, action.kind, action.value, action.line)
@@ -159,7 +161,7 @@ class Machine:
     def advance(self, left: float, stop_count: int) -> float:
         """Let at most `left` seconds go by; returns the time used. `stop_count` as in lookahead.advance."""
         used = 0.0
-        blocks = self.motion.count
+        blocks, row = self.motion.count, self.motion.row
         if blocks and not self.alarm and (not self.is_suspended or self.motion.speed > 0.0):
             used = self.motion.advance(left, self.is_suspended, stop_count)
             if self.is_suspended and self.motion.speed == 0.0:
@@ -168,6 +170,7 @@ class Machine:
                 self._moves_done()
         if used <= 0.0 and self.motion.count == blocks:
             used = self._wait(left)
+        self.motion.note_spindle(row, self.spindle_rpm)
         self._turn_spindle(used)
         return used
 

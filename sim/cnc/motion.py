@@ -99,6 +99,19 @@ class Motion:
         """Forget the pieces."""
         self._row = 0
 
+    @property
+    def row(self) -> int:
+        """How many pieces there are since `begin`."""
+        return self._row
+
+    def note_spindle(self, row: int, rpm: float) -> None:
+        """Write the spindle's speed beside the pieces from `row` on."""
+        self._out[row : self._row, la.PIECE_RPM] = rpm
+
+    def planned_s(self) -> float:
+        """Time that the planned blocks would take at their programmed speeds: a lower bound of what they will take."""
+        return float(la.planned_s(self._blocks, self._state))
+
     def place(self, position: Sequence[float] | Floats) -> None:
         """Stand at a position with an empty buffer; queued outputs are dropped, outputs keep their level."""
         outputs = self._state[la.OUTPUTS]
@@ -174,4 +187,5 @@ class Motion:
         )
         row[la.FROM : la.FROM + self.n] = here
         row[la.TO : la.TO + self.n] = here
+        row[la.PIECE_PROGRAMMED] = row[la.PIECE_CAP] = row[la.PIECE_RAPID] = 0.0
         self._row += 1
