@@ -10,6 +10,7 @@ import tomli_w
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
+from planner.decompose.bores import filled, hanging_bores
 from planner.decompose.direction import best_direction
 from planner.errors import PlanningError, RecipeError
 from planner.handout import Handout
@@ -23,6 +24,7 @@ from planner.slicing.layers import layer_levels
 from planner.slicing.regions import LayerRegion, layer_regions
 from planner.slicing.section import plane_frame
 from planner.toolpath.bands import make_bands
+from planner.toolpath.bore import Boring, borings
 from planner.toolpath.order import Sequence, build_up
 from planner.toolpath.roughing import carve, stock_of
 
@@ -62,11 +64,12 @@ def plan(
     direction, chosen = build_direction(body, recipe)
     build_from_part = build_frame(body, direction)
     part = body.transformed(build_from_part)
+    solid, holes, bored = _bored(part, settings)
     say("layers", 0.02)
-    regions, notes = _regions(part, settings, lambda: say("sections", 0.05))
+    regions, notes = _regions(solid, settings, lambda: say("sections", 0.05))
     say("contours", 0.1)
-    handout = Handout(part, recipe, len(regions), on_layer, lambda share: say("toolpaths", 0.1 + 0.9 * share))
-    sequence = _sequence(part, build_from_part, regions, settings, handout)
+    handout = Handout(solid, recipe, len(regions), on_layer, lambda share: say("toolpaths", 0.1 + 0.9 * share))
+    sequence = _sequence(solid, build_from_part, regions, settings, handout, holes)
     layers = handout.finish()
     if recipe.process != "mill":
         notes += _overhang_findings(regions)
@@ -82,9 +85,18 @@ def plan(
         build_from_part=build_from_part,
         bounds=part.bounds,
         layers=tuple(layers),
-        findings=(*found, *chosen, *notes, *sequence.findings),
+        findings=(*found, *chosen, *bored, *notes, *sequence.findings),
         volumes_mm3=_volumes(part, sequence, settings),
     )
+
+
+def _bored(part: Mesh, settings: Settings) -> tuple[Mesh, list[Boring], list[str]]:
+    """What is built: the part with those hanging bores full that are cut from the side afterwards; these, and findings."""
+    if settings.recipe.process != "hybrid":
+        return part, [], []
+    bores = hanging_bores(part, settings.material.deposition.max_overhang_deg, settings.recipe.crease_deg)
+    holes, notes = borings(filled(part, bores), bores, settings)
+    return filled(part, [hole.bore for hole in holes]), holes, notes
 
 
 def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tuple[list[LayerRegion], list[str]]:
@@ -112,7 +124,12 @@ def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tu
 
 
 def _sequence(
-    part: Mesh, build_from_part: Floats, regions: list[LayerRegion], settings: Settings, handout: Handout
+    part: Mesh,
+    build_from_part: Floats,
+    regions: list[LayerRegion],
+    settings: Settings,
+    handout: Handout,
+    holes: list[Boring],
 ) -> Sequence:
     """All operations in order; the handout is told each layer that is done."""
     if settings.recipe.process == "mill":
@@ -120,7 +137,7 @@ def _sequence(
     tops = finished_tops(regions, settings)
     beads = layer_beads(regions, tops, settings)
     bands = make_bands(regions, part, settings) if settings.is_milled else iter(())
-    return build_up(regions, beads, tops, bands, settings, handout.take)
+    return build_up(regions, beads, tops, bands, settings, handout.take, holes)
 
 
 def build_direction(mesh: Mesh, recipe: Recipe) -> tuple[Floats, list[str]]:

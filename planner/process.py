@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from config import ConfigError, load_material
 from config.material import Material, Window
@@ -93,7 +93,12 @@ class Settings:
                 "mill more often",
             )
         diameter = recipe.cutter_diameter_mm or mill.cutter_diameter_mm
-        rpm = 1000.0 * mill.cutting_speed_m_min / (math.pi * diameter)
+        if recipe.small_cutter_diameter_mm is not None and recipe.small_cutter_diameter_mm >= diameter:
+            raise RecipeError(
+                f"small_cutter_diameter_mm: asked {recipe.small_cutter_diameter_mm:g} mm, the cutter has {diameter:g} mm",
+                "name a smaller one, or leave it out",
+            )
+        rpm, feed = _speed_and_feed(material, diameter, recipe.cutter_teeth)
         height = recipe.layer_height_mm
         return cls(
             recipe=recipe,
@@ -105,10 +110,18 @@ class Settings:
             allowance_mm=0.0 if recipe.process == "deposit" else _either(recipe.stock_allowance_mm, facts.stock_allowance_mm),
             interpass_s=_either(recipe.interpass_s, facts.interpass_s),
             cutter_diameter_mm=diameter,
-            spindle_rpm=round(rpm, 0),
-            mill_feed_mm_s=round(rpm * mill.feed_per_tooth_mm * recipe.cutter_teeth / 60.0, 3),
+            spindle_rpm=rpm,
+            mill_feed_mm_s=feed,
             mill_every_mm=recipe.mill_every_mm or mill.axial_depth_mm,
         )
+
+    def with_small_cutter(self) -> Settings | None:
+        """The same with the recipe's small cutter, its speed and feed; None where the recipe names none."""
+        diameter = self.recipe.small_cutter_diameter_mm
+        if diameter is None:
+            return None
+        rpm, feed = _speed_and_feed(self.material, diameter, self.recipe.cutter_teeth)
+        return replace(self, cutter_diameter_mm=diameter, spindle_rpm=rpm, mill_feed_mm_s=feed)
 
     def bead_for(self, layer_mm: float, reserve: float = 0.0) -> Bead:
         """The bead whose layer is (1 + overbuild + reserve) times the layer's height, by speed, then powder, then power.
@@ -163,6 +176,12 @@ def block_allowance_mm(recipe: Recipe) -> float | None:
 
 
 LEAST_STEP_OVER = 0.3  # of the width: two thirds of every track would lie on the one before it
+
+
+def _speed_and_feed(material: Material, diameter_mm: float, teeth: int) -> tuple[float, float]:
+    """Speed of a cutter, whole 1/min, at the material's cutting speed, and its feed, mm/s: teeth x feed per tooth x speed."""
+    rpm = 1000.0 * material.milling.cutting_speed_m_min / (math.pi * diameter_mm)
+    return round(rpm, 0), round(rpm * material.milling.feed_per_tooth_mm * teeth / 60.0, 3)
 
 
 def _either(asked: float | None, default: float) -> float:

@@ -43,6 +43,7 @@ class Recipe(Facts):
     mill_every_mm: Positive | None = Field(None, description="or after this height; default: what the cutter's axial depth and flute allow")
     face_every_layers: int | None = Field(None, ge=1, description="tops are faced after this many layers; the last one always")
     cutter_diameter_mm: Positive | None = None
+    small_cutter_diameter_mm: Positive | None = Field(None, description="for what the cutter does not reach: gaps, inside corners, small bores")
     cutter_teeth: int = Field(4, ge=1, le=12, description="of the cutter: the feed is teeth x feed per tooth x speed")
 
 

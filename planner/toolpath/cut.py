@@ -16,7 +16,7 @@ from planner.toolpath.axis import ends_clear, goes_on_below, leans_inward, ruled
 from planner.toolpath.bands import Band
 from planner.toolpath.face import face_passes
 from planner.toolpath.motion import Motion
-from planner.toolpath.side import begun_on_flat, places, side_pass, swept_by, unreached, upright_passes
+from planner.toolpath.side import begun_on_flat, places, rest_passes, side_pass, swept_by, unreached, upright_passes
 
 BULGE = 0.04
 """Of the bead's width: how far melt may run out beyond a track's nominal edge."""
@@ -38,15 +38,15 @@ def face_operation(
     return _milled(Process.MILL_FACE, layer.index, passes, settings, note) if passes else None
 
 
-def side_operation(
+def side_operations(
     band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
-) -> tuple[Operation | None, list[Left]]:
-    """Milling of a band's walls, and what it leaves.
+) -> tuple[list[Operation], list[Left]]:
+    """Milling of a band's walls, with the small cutter after the other where the recipe names one, and what they leave.
 
     below : the finished layers under the band, from the lowest   excess_mm : metal outside the walls
     run_down_mm : how far its metal may have run down on a wall that leans inward.
     """
-    left = _left_by_the_cutter(band, settings)
+    small = settings.with_small_cutter()
     note: str = band.kind
     passes = _ruled_passes(band, below, excess_mm, run_down_mm, settings) if band.kind == "ruled" else []
     if not passes:
@@ -54,9 +54,23 @@ def side_operation(
         passes = upright_passes(band.region, band.z_bottom, excess_mm, settings)
         if _may_reach_under(band, below, passes, settings):
             passes = upright_passes(band.region, band.z_bottom - OVERLAP_MM, excess_mm, settings)
-    if note == "stepped" or not passes:
-        left.append(Left("cusps" if passes else "none", band.z_bottom, band.z_top, "", 0, 0.0))
-    return (_milled(Process.MILL_SIDE, band.last, passes, settings, note) if passes else None), left
+    operations = [_milled(Process.MILL_SIDE, band.last, passes, settings, note)] if passes else []
+    rest = _rest_passes(band, excess_mm, settings, small) if small is not None and note != "ruled" else []
+    if rest and small is not None:
+        operations.append(_milled(Process.MILL_SIDE, band.last, rest, small, f"{note}, rest"))
+    left = _left_by_the_cutter(band, small if rest and small is not None else settings)
+    if note == "stepped" or not operations:
+        left.append(Left("cusps" if operations else "none", band.z_bottom, band.z_top, "", 0, 0.0))
+    return operations, left
+
+
+def _rest_passes(band: Band, excess_mm: float, settings: Settings, small: Settings) -> list[Pass]:
+    """Upright passes with the small cutter where the other did not come."""
+    missed = unreached(band.region, settings.cutter_radius_mm)
+    pieces = [*missed.closed.geoms, *missed.corners.geoms]
+    if not pieces:
+        return []
+    return rest_passes(band.region, MultiPolygon(pieces), band.z_bottom, excess_mm, small)
 
 
 def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings, note: str) -> Operation:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planner.errors import PlanningError
 from planner.plan import Operation, Pass
 from planner.process import Settings
-from planner.toolpath.motion import axis_at, process_pass, straight, turning
+from planner.toolpath.motion import UP, axis_at, process_pass, straight, turning
 
 Floats = NDArray[np.float64]
 
@@ -79,6 +79,22 @@ def linked(operation: Operation, here: Pose | None, metal_top: float, settings: 
     if np.linalg.norm(up.tip - here.tip) > _MET_MM:
         passes.append(_link([here, up], RAPID_MM_S, None, True))
     return replace(operation, passes=tuple(passes)), up
+
+
+def linked_from_beside(operation: Operation, here: Pose, beyond: Pose, metal_top: float) -> tuple[Operation, Pose]:
+    """The operation with ways to and from its one pass, which begins and ends on a straight way in from the side.
+
+    beyond : beside the whole part, with the pass's axis, in line with where it begins   metal_top : highest metal, mm.
+    Upright over the part, turned beside it, down beside it, straight in; back the same way.
+    """
+    clear = metal_top + CLEARANCE_MM
+    (step,) = operation.passes
+    over = Pose(np.array([*beyond.tip[:2], max(clear, float(beyond.tip[2]))]), beyond.axis)
+    upright = Pose(over.tip, UP)
+    way_in = [here.raised_to(clear), upright, over, beyond, start_of(step)]
+    way_out = [end_of(step), beyond, over, upright]
+    passes = (_link([here, *way_in], RAPID_MM_S, None, True), step, _link(way_out, RAPID_MM_S, None, True))
+    return replace(operation, passes=passes), end_of(passes[-1])
 
 
 def _short_way(here: Pose, goal: Pose, operation: Operation, settings: Settings) -> list[Pass] | None:

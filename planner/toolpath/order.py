@@ -13,7 +13,8 @@ from planner.plan import Operation
 from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
 from planner.toolpath.bands import Band
-from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operation
+from planner.toolpath.bore import Boring, bore_operation
+from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operations
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
 from planner.toolpath.fill import infill_region
 from planner.toolpath.links import Pose, linked
@@ -78,10 +79,16 @@ class Sequence:
 
     def mill(self, band: Band, below: list[LayerRegion], excess_mm: float, run_down_mm: float) -> None:
         """The milling of a band's walls."""
-        operation, left = side_operation(band, below, excess_mm, run_down_mm, self.settings)
+        operations, left = side_operations(band, below, excess_mm, run_down_mm, self.settings)
         self.left.extend(left)
-        if operation is not None:
+        for operation in operations:
             self.add(operation, band.last)
+
+    def bore(self, boring: Boring, layer: int) -> None:
+        """The boring of a hole from the side."""
+        assert self.here is not None  # the metal that it is cut in was deposited
+        done, self.here = bore_operation(boring, layer, self.here, self.metal_top)
+        self.operations.setdefault(layer, []).append(done)
 
 
 def build_up(
@@ -91,11 +98,13 @@ def build_up(
     bands: Iterable[Band],
     settings: Settings,
     finished: Finished,
+    borings: Iterable[Boring] = (),
 ) -> Sequence:
     """The operations of a part that is deposited (and, where there are bands, milled), from the substrate up.
 
     tops : which layers have a finished face   bands : of all layers from below, taken one by one as the part grows, or
-    none for a part that is only deposited   finished : told each layer and its operations when none will be added.
+    none for a part that is only deposited   finished : told each layer and its operations when none will be added
+    borings : holes that are cut from the side when all layers stand.
     Raises PlanningError if no bead fits anywhere.
     """
     sequence = Sequence(settings)
@@ -112,6 +121,9 @@ def build_up(
             if band is not None:
                 run_down = RUNS_DOWN * beads[band.first].crest_mm
                 sequence.mill(band, layers[: band.first], _excess_mm(band, layers, beads, settings), run_down)
+        if layer.index == len(layers) - 1:
+            for boring in borings:
+                sequence.bore(boring, layer.index)
         finished(layer, sequence.operations.get(layer.index, []))
     if not sequence.operations:
         raise PlanningError(

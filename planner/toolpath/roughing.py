@@ -21,9 +21,9 @@ from planner.slicing.regions import LayerRegion, united
 from planner.slicing.slicer import slice_mesh
 from planner.toolpath.contour import PATH_TOLERANCE_MM
 from planner.toolpath.face import entry_point
-from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
+from planner.toolpath.motion import joined, lifted, process_pass, straight
 from planner.toolpath.order import Finished, Sequence
-from planner.toolpath.side import places, unreached, upright_passes
+from planner.toolpath.side import places, stretches_within, unreached, upright_passes
 
 Floats = NDArray[np.float64]
 
@@ -166,7 +166,7 @@ def _ring_passes(
     passes = []
     for ring in rings:
         for outline in curves_from_region(ring, PATH_TOLERANCE_MM):
-            for motion in _pieces_within(lifted(outline.curve.reversed(), z), reach):
+            for motion in stretches_within(lifted(outline.curve.reversed(), z), reach):
                 start = motion.ends()[0]
                 outer = next((p for p in metal.geoms if p.distance(shapely.Point(start[:2])) < 2.0 * settings.cutter_diameter_mm), None)
                 if outer is not None and not outline.is_hole:
@@ -176,29 +176,3 @@ def _ring_passes(
                         motion = joined([straight([entry, start]), motion])
                 passes.append(process_pass(motion, row))
     return passes
-
-
-def _pieces_within(loop: Motion, reach: MultiPolygon) -> list[Motion]:
-    """The stretches of a closed motion that lie in a region; the whole loop if all of it does."""
-    u = loop.tip.sample(0.01)
-    points = loop.tip.evaluate(u)
-    inside = shapely.contains_xy(reach, points[:, 0], points[:, 1])
-    if inside.all():
-        return [loop]
-    if not inside.any():
-        return []
-    first = int(np.flatnonzero(~inside)[0])
-    order = (np.arange(len(points) - 1) + first) % (len(points) - 1)
-    found: list[Motion] = []
-    run: list[int] = []
-    for k in [*order, order[0]]:
-        if inside[k]:
-            run.append(int(k))
-        elif run:
-            chain = points[run]
-            run = []
-            if len(chain) >= 2:
-                found.append(straight(chain))
-    return found
-
-

@@ -14,7 +14,7 @@ from planner.nurbs.rings import curves_from_region
 from planner.plan import Pass
 from planner.process import Settings
 from planner.toolpath.contour import PATH_TOLERANCE_MM
-from planner.toolpath.motion import Motion, joined, lifted, process_pass, quarter_arc
+from planner.toolpath.motion import Motion, joined, lifted, process_pass, quarter_arc, straight
 
 Floats = NDArray[np.float64]
 
@@ -72,6 +72,47 @@ def upright_passes(region: MultiPolygon, z: float, excess_mm: float, settings: S
             loop = begun_on_flat(lifted(ring.curve.reversed(), z))
             passes.append(side_pass(loop, centre, excess_mm, settings))
     return passes
+
+
+def rest_passes(region: MultiPolygon, missed: MultiPolygon, z: float, excess_mm: float, settings: Settings) -> list[Pass]:
+    """Upright passes round a region where a larger cutter left metal: stretches that begin and end where it has been.
+
+    missed : what the larger cutter did not reach, mm   settings : of the smaller one   the rest as for `upright_passes`.
+    """
+    row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
+    reach = outset(missed, settings.cutter_radius_mm + _PAST_START_MM)
+    passes = []
+    for leave in wall_offsets(excess_mm, settings.material.milling.radial_depth_mm):
+        centre = outset(region, settings.cutter_radius_mm + leave)
+        for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
+            loop = lifted(ring.curve.reversed(), z)
+            passes += [process_pass(motion, row) for motion in stretches_within(loop, reach)]
+    return passes
+
+
+def stretches_within(loop: Motion, reach: MultiPolygon) -> list[Motion]:
+    """The stretches of a closed motion at constant height that lie in a region, as polylines; the loop if all of it does."""
+    u = loop.tip.sample(0.01)
+    points = loop.tip.evaluate(u)
+    shapely.prepare(reach)
+    inside = shapely.contains_xy(reach, points[:, 0], points[:, 1])
+    if inside.all():
+        return [loop]
+    if not inside.any():
+        return []
+    first = int(np.flatnonzero(~inside)[0])
+    order = (np.arange(len(points) - 1) + first) % (len(points) - 1)
+    found: list[Motion] = []
+    run: list[int] = []
+    for k in [*order, order[0]]:
+        if inside[k]:
+            run.append(int(k))
+        elif run:
+            chain = points[run]
+            run = []
+            if len(chain) >= 2:
+                found.append(straight(chain))
+    return found
 
 
 def side_pass(loop: Motion, keep_out: MultiPolygon, excess_mm: float, settings: Settings) -> Pass:
