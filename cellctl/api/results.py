@@ -215,6 +215,25 @@ def get_picture(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     return _file(service.store.blobs.picture(_made(job, job.proof_sha256, "proof")), "image/png")
 
 
+REPORT_POLICY = (
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""Content-Security-Policy of a report, whichever version of the software wrote it; the page itself carries a narrower one."""
+
+
+@router.get(
+    "/proof/report",
+    response_class=HTMLResponse,
+    responses={200: {"content": {"text/html": {}}, "description": "One page without scripts that needs nothing else"}},
+)
+def get_report(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
+    """The proof as a page to read, print and sign: verdict, figures, findings with pictures, course of the run."""
+    job = _job(service, job_id)
+    answer = _file(service.store.blobs.report(_made(job, job.proof_sha256, "proof")), "text/html; charset=utf-8")
+    answer.headers["Content-Security-Policy"] = REPORT_POLICY
+    return answer
+
+
 @router.get("/record", response_model=dict[str, Any], responses={200: {"content": {"text/html": {}}}})
 def get_record(
     _person: Viewer, service: ServiceOf, job_id: str, format: Annotated[Literal["json", "html"], Query()] = "json"

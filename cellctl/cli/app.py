@@ -7,6 +7,7 @@ from collections.abc import Callable
 import typer
 
 from cellctl.cli import files, models, remote, service, tokens
+from cellctl.cli.prove import prove
 
 app = typer.Typer(
     name="cellctl",
@@ -18,7 +19,7 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (service.demo, service.serve, service.sim, service.doctor),
-    "Files": (files.plan, files.show, files.post, files.prove, models.model),
+    "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record),
     "Cell": (remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home),
 }

@@ -1,4 +1,4 @@
-"""Commands on files, without any service: plan, show, post, prove."""
+"""Commands on files, without any service: plan, show, post; prove is in its own file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from cellctl.cli import output
 from cellctl.cli.input import DEFAULT_CELL, CellName, InputFault, Json, Units, checked_units, existing_file, writable
 
 if TYPE_CHECKING:
-    from planner.program import Program
     from planner.recipe import Recipe
 
 PartFile = Annotated[Path, typer.Argument(metavar="PART", help="Mesh file: STL, 3MF, OBJ or PLY.")]
@@ -150,58 +149,3 @@ def post(
     else:
         took = output.duration(float(program.duration_s))
         output.line(f"{out}: {summary['lines']} lines in {summary['layers']} layers for {facts.name}, about {took}")
-
-
-def _program_of(path: Path, cell: Any) -> tuple[Program, Path | None]:
-    """A program's folder read, or a plan posted for the cell and the stock that its recipe names."""
-    from planner.files import read_plan, read_program
-    from planner.post import post as make_program
-    from planner.recipe import parse_recipe
-
-    if path.is_dir():
-        return read_program(path), None
-    plan = read_plan(existing_file(path, "plan or program folder"))
-    stock = parse_recipe(plan.recipe_toml).stock if plan.process == "mill" else None
-    return make_program(plan, cell), Path(stock) if stock else None
-
-
-def prove(
-    program: Annotated[Path, typer.Argument(metavar="PLAN|PROGRAM", help="A plan file, or a program's folder.")],
-    mesh: Annotated[Path, typer.Option("--mesh", "--part", help="The part that it shall become.")],
-    units: Units = "mm",
-    stock: Annotated[
-        Path | None, typer.Option("--stock", help="Mesh of what is milled (mm). Default: as the plan's recipe says.")
-    ] = None,
-    cell: CellName = DEFAULT_CELL,
-    cell_mm: Annotated[float | None, typer.Option("--cell-mm", min=0.02, help="Grid of the simulated metal.")] = None,
-    png: Annotated[Path | None, typer.Option("--png", help="Write the picture into this file.")] = None,
-    json: Json = False,
-) -> None:
-    """Run a program in the twin and measure what it builds. Exit 1 if the proof does not pass."""
-    from config import load_cell
-    from planner.mesh import load
-    from sim.dryrun import prove as make_proof
-
-    facts = load_cell(cell)
-    part = load(existing_file(mesh, "mesh file"), checked_units(units))
-    with output.progress(quiet=json) as report:
-        report("posting", 0.0)
-        given, named = _program_of(program, facts)
-        raw = stock or named
-        proof = make_proof(
-            given,
-            facts,
-            part,
-            stock=load(existing_file(raw, "stock's mesh file")) if raw else None,
-            cell_mm=cell_mm,
-            progress=lambda fraction, word: report(f"proving: {word}", fraction),
-        )
-    if png is not None and proof.picture:
-        writable(png).write_bytes(proof.picture)
-    if json:
-        output.line(proof.to_json())
-    else:
-        output.line("passed" if proof.passed else "NOT passed")
-        for finding in proof.findings:
-            output.line(f"  {finding.severity}: {finding.text}")
-    raise typer.Exit(0 if proof.passed else 1)

@@ -12,7 +12,7 @@ from typing import Any
 from cellctl.domain.jobs import JobState
 from cellctl.planning import keys
 from cellctl.planning.process import Workers
-from cellctl.planning.task import PICTURE_FILE, PLAN_FILE, PROGRAM_FOLDER, PROOF_FILE, VIEW_FOLDER, Task
+from cellctl.planning.task import PICTURE_FILE, PLAN_FILE, PROGRAM_FOLDER, PROOF_FILE, REPORT_FILE, VIEW_FOLDER, Task
 from cellctl.store import Store, blobs, jobs, made, parts
 from cellctl.store.jobs import JobRow
 from cellctl.store.made import Made
@@ -174,8 +174,9 @@ class JobWork:
 
     def _keep_proof(self, folder: Path, document: dict[str, Any]) -> Made:
         sha256 = blobs.sha256_of(folder / PROOF_FILE)
-        if (folder / PICTURE_FILE).exists():
-            blobs.place(folder / PICTURE_FILE, self.store.blobs.picture(sha256))
+        for name, target in ((PICTURE_FILE, self.store.blobs.picture(sha256)), (REPORT_FILE, self.store.blobs.report(sha256))):
+            if (folder / name).exists():
+                blobs.place(folder / name, target)
         blobs.place(folder / PROOF_FILE, self.store.blobs.proof(sha256))
         return Made(sha256, proof_summary(document))
 

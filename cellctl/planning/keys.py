@@ -44,4 +44,4 @@ def program_key(plan_sha256: str, cell: Cell) -> str:
 
 def proof_key(program_sha256: str, part_sha256: str, units: str, cell: Cell, stock_sha256: str = "") -> str:
     """Key of a proof. stock_sha256 : of the mesh that it is milled from, if one is given"""
-    return _key("proof", program_sha256, part_sha256, units, cell.sha256, cell.simulation.sha256, stock_sha256)
+    return _key("proof", program_sha256, part_sha256, units, cell.sha256, cell.twin_sha256, stock_sha256)

@@ -8,7 +8,16 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cellctl.planning.task import MESH_FILE, PICTURE_FILE, PLAN_FILE, PROGRAM_FOLDER, PROOF_FILE, VIEW_FOLDER, Task
+from cellctl.planning.task import (
+    MESH_FILE,
+    PICTURE_FILE,
+    PLAN_FILE,
+    PROGRAM_FOLDER,
+    PROOF_FILE,
+    REPORT_FILE,
+    VIEW_FOLDER,
+    Task,
+)
 
 if TYPE_CHECKING:
     from planner.mesh import Finding, Mesh
@@ -106,18 +115,20 @@ def post(task: Task, report: Report) -> dict[str, Any]:
 
 
 def prove(task: Task, report: Report) -> dict[str, Any]:
-    """Run the program in the twin; writes proof.json and proof.png. Raises PlannerError, ConfigError and the twin's errors."""
+    """Run the program in the twin; writes proof.json, proof.png and proof.html. Raises PlannerError, ConfigError and the twin's errors."""
     from config import load_cell
     from planner.files import read_program
     from planner.mesh import load
     from sim.dryrun import prove as make_proof
+    from sim.report import html
 
+    cell = load_cell(task.cell)
     program = read_program(Path(task.program))
     mesh = load(Path(task.mesh), task.units)
     stock = load(Path(task.stock)) if task.stock else None
     proof = make_proof(
         program,
-        load_cell(task.cell),
+        cell,
         mesh,
         stock=stock,
         progress=lambda fraction, word: report(f"proving: {word}", fraction),
@@ -127,6 +138,8 @@ def prove(task: Task, report: Report) -> dict[str, Any]:
     (folder / PROOF_FILE).write_text(text, encoding="utf-8")
     if proof.picture:
         (folder / PICTURE_FILE).write_bytes(proof.picture)
+    report("writing the report", 1.0)
+    (folder / REPORT_FILE).write_text(html(proof, program, cell), encoding="utf-8")
     document: dict[str, Any] = json.loads(text)
     return document
 

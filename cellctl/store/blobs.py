@@ -68,6 +68,10 @@ class Blobs:
         """The proof's picture."""
         return self.folder / "proofs" / f"{sha256}.png"
 
+    def report(self, sha256: str) -> Path:
+        """The proof's report: one HTML file."""
+        return self.folder / "proofs" / f"{sha256}.html"
+
 
 def sha256_of(path: Path) -> str:
     """Hash (hex) of a file's bytes."""

@@ -242,6 +242,10 @@ export interface ProofFinding {
   layer: number;
   operation: number;
   count: number;
+  severity: "error" | "warning";
+  at_mm: [number, number, number] | null;
+  depth_mm: number;
+  help: string;
 }
 
 export interface ProofDocument {

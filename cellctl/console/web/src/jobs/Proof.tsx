@@ -1,10 +1,11 @@
-// What the twin says: verdict, reasons, figures, findings and the picture.
+// What the twin says: verdict, reasons, figures, findings, the picture and the report to print.
 import { useEffect, useState } from "preact/hooks";
 import { get } from "../api/http";
 import type { Job, ProofDocument } from "../api/types";
 import { told } from "../state/notices";
 import { words } from "../words/en";
 import { duration, fixed } from "../words/format";
+import { Findings } from "./Findings";
 import { Texts } from "./JobDetail";
 
 const say = words.jobs;
@@ -23,7 +24,7 @@ export function Proof({ job }: { job: Job }) {
     return () => aborter.abort();
   }, [job.id]);
   const passed = job.proof?.passed === true;
-  const findings = proof?.findings.map((found) => (found.count > 1 ? `${found.text} (${found.count} ×)` : found.text)) ?? [];
+  const root = `/api/v1/jobs/${encodeURIComponent(job.id)}/proof`;
   return (
     <section class="panel proof">
       <div class="panel-head">
@@ -45,12 +46,15 @@ export function Proof({ job }: { job: Job }) {
             );
           })}
         </dl>
-        <a href={`/api/v1/jobs/${encodeURIComponent(job.id)}/proof/picture`} target="_blank" rel="noopener">
-          <img src={`/api/v1/jobs/${encodeURIComponent(job.id)}/proof/picture`} alt={say.proofPicture} />
+        <a href={`${root}/picture`} target="_blank" rel="noopener">
+          <img src={`${root}/picture`} alt={say.proofPicture} />
         </a>
       </div>
       <Texts texts={proof?.reasons ?? []} />
-      <Texts texts={findings} />
+      <Findings findings={proof?.findings ?? []} />
+      <a class="control proof-report" href={`${root}/report`} target="_blank" rel="noopener">
+        {say.proofReport} ↗
+      </a>
     </section>
   );
 }
