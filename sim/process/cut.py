@@ -1,124 +1,233 @@
-"""Metal removed where a turning cutter sweeps: the stock minus the exact swept volume of a flat, bull-nose or ball end mill."""
+"""Metal removed where a turning cutter sweeps: the stock minus the swept volume, block by block."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FIELD = NDArray[np.float32]
-GOLDEN = 0.6180339887498949
-SEARCH_STEPS = 12  # golden sections of a piece: 0.3 % of its length remains
-PARALLEL = 1e-9  # mm
-UPRIGHT = 1e-9  # 1 - cosine: less than 5e-5 rad, 0.01 mm on 200 mm
+from sim.process.field import AIR, BLOCK, METAL, SHIFT, Blocks, drop_block, open_block
+from sim.process.sweep import Sweep, is_plain, pieces_of, sweep_bound, sweep_box, sweep_distance, sweep_of
+
+Array = NDArray[np.float64]
+
+HALF_DIAGONAL = 0.5 * np.sqrt(3.0) * (BLOCK - 1)  # cells, from the middle of a block to its farthest cell
+TOUCH = 0.02  # of a cell: a cutter that takes less, or goes below the target by less, only rounds differently
+ENGAGED, GOUGE, REMOVED = 0, 1, 2  # columns of what a piece did
+ENGAGED_AT, GOUGE_AT = 3, 6  # first of three
+TOLD = 9  # columns
 
 
-@njit(cache=True, nogil=True)
-def cutter_distance(radial: float, axial: float, radius: float, corner: float) -> float:
-    """Signed distance (mm, negative inside) to an end mill that reaches upward for ever.
+class CutResult(NamedTuple):
+    """What one piece of a cutter's path did to the metal.
 
-    radial, axial : distance from the axis, and height above the cutter's end, mm. corner : 0 flat, = radius ball.
+    engaged_mm : greatest depth at which the cutter met metal, at most the band (0: cut air)
+    gouge_mm : greatest depth of the cut below the target's surface, at most the band (0: none, or no target is known)
+    removed_mm3 : metal taken away
+    at : (3,) float, mm, build frame   Where the gouge is deepest, else where the cutter was engaged deepest.
     """
-    r = radial - (radius - corner)
-    z = corner - axial
-    if r > 0.0 and z > 0.0:
-        return float(np.sqrt(r * r + z * z) - corner)
-    return float(max(r, z) - corner)
+
+    engaged_mm: float
+    gouge_mm: float
+    removed_mm3: float
+    at: Array
 
 
 @njit(cache=True, nogil=True)
-def swept_distance(
-    side2: float, ahead: float, axial: float, length: float, lift: float, nearest: float, radius: float, corner: float
-) -> float:
-    """Signed distance to a cutter that moves along and across its axis at once.
+def remove_pieces(blocks: Blocks, guard: Blocks, path: Array, cutter: Array, mark: int, first: int, told: Array) -> int:
+    """Cut along pieces of path in order, from piece `first` on, until done or out of room; returns the first piece that is not done.
 
-    side2 : squared distance from the plane of the motion, mm2; ahead : along the motion across the axis, mm; axial : above the start, mm
-    length, lift : of the motion across and along the axis, mm; nearest : share of the motion at which the axis is nearest
-    The distance to a convex body that moves straight is convex in the share of the motion: a golden section finds the least.
+    guard : the target on the same grid; all air: there is none
+    path : (n, 12) float   start, end (mm, cutter's end), axis at start and at end (unit vectors from the end to the spindle)
+    cutter : (3,) float, mm   radius, corner radius, length of the flutes   mark : left on the cells of the new surface
+    told : (n, TOLD) float   Filled with what each piece did.
     """
-    s0 = nearest
-    s1 = 0.0 if lift > 0.0 else 1.0
-    a = s1 + GOLDEN * (s0 - s1)
-    b = s0 + GOLDEN * (s1 - s0)
-    at_a = cutter_distance(np.sqrt(side2 + (ahead - a * length) ** 2), axial - a * lift, radius, corner)
-    at_b = cutter_distance(np.sqrt(side2 + (ahead - b * length) ** 2), axial - b * lift, radius, corner)
-    for _ in range(SEARCH_STEPS):
-        if at_a < at_b:
-            s1, b, at_b = b, a, at_a
-            a = s1 + GOLDEN * (s0 - s1)
-            at_a = cutter_distance(np.sqrt(side2 + (ahead - a * length) ** 2), axial - a * lift, radius, corner)
-        else:
-            s0, a, at_a = a, b, at_b
-            b = s0 + GOLDEN * (s1 - s0)
-            at_b = cutter_distance(np.sqrt(side2 + (ahead - b * length) ** 2), axial - b * lift, radius, corner)
-    return float(min(at_a, at_b))
+    for n in range(first, path.shape[0]):
+        start, end, axis0, axis1 = path[n, 0:3], path[n, 3:6], path[n, 6:9], path[n, 9:12]
+        parts = pieces_of(start, end, axis0, axis1, cutter[0], cutter[2], blocks.size[0])
+        for part in range(parts):
+            sweep = sweep_of(start, end, axis0, axis1, part / parts, (part + 1) / parts, cutter, blocks.size[0])
+            if not has_room(blocks, sweep):
+                return n  # what is cut already of this piece is cut again: no harm
+            remove_sweep(blocks, guard, sweep, mark, told[n])
+    return path.shape[0]
 
 
 @njit(cache=True, nogil=True)
-def swept_box(
-    shape: tuple[int, int, int], origin: NDArray[np.float64], cell: float, band: float,
-    start: NDArray[np.float64], end: NDArray[np.float64], axis: NDArray[np.float64], radius: float, reach: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
-    """First and last index, (3,) each, of the cells that a piece of path can change."""
-    low = np.empty(3, np.int64)
-    high = np.empty(3, np.int64)
+def box_of(blocks: Blocks, sweep: Sweep) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last (exclusive) entries of the directory, (3,) each, that a sweep can change."""
+    low, high = sweep_box(sweep, blocks.size[1])
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for d in range(3):
-        side = radius * np.sqrt(max(0.0, 1.0 - axis[d] * axis[d])) + band
-        least = min(start[d], end[d]) + min(0.0, axis[d] * reach) - side
-        most = max(start[d], end[d]) + max(0.0, axis[d] * reach) + side
-        low[d] = max(0, int(np.floor((least - origin[d]) / cell)))
-        high[d] = min(shape[d] - 1, int(np.ceil((most - origin[d]) / cell)))
-    return low, high
+        entries = blocks.directory.shape[d]
+        first[d] = min(max(0, int(np.floor((low[d] - blocks.origin[d]) / blocks.size[0])) >> SHIFT), entries)
+        last[d] = max(first[d], min(entries, (int(np.ceil((high[d] - blocks.origin[d]) / blocks.size[0])) >> SHIFT) + 1))
+    return first, last
 
 
 @njit(cache=True, nogil=True)
-def remove_piece(
-    field: FIELD, origin: NDArray[np.float64], cell: float, band: float, top: int,
-    start: NDArray[np.float64], end: NDArray[np.float64], axis: NDArray[np.float64], radius: float, corner: float, reach: float,
-) -> float:  # fmt: skip
-    """Cut along one straight piece with constant axis, exactly.
+def room_wanted(blocks: Blocks, sweep: Sweep) -> int:
+    """How many blocks a sweep may open at most: those of full metal that it comes near."""
+    first, last = box_of(blocks, sweep)
+    return int((blocks.directory[first[0] : last[0], first[1] : last[1], first[2] : last[2]] == METAL).sum())
 
-    field : (nx, ny, nz) float32, mm   Changed in place.   top : index along z above which the field holds no metal
-    origin : (3,) float, mm; start, end : (3,) float, mm, cutter end; axis : (3,) float, unit vector from the end to the spindle
-    reach : mm   Length of the cutter above its end.
-    Returns the greatest depth at which the cutter met metal, mm (0: cut air).
+
+@njit(cache=True, nogil=True)
+def room_of(blocks: Blocks, piece: Array, cutter: Array) -> int:
+    """How many blocks a piece of path, (12,), may open at most."""
+    start, end, axis0, axis1 = piece[0:3], piece[3:6], piece[6:9], piece[9:12]
+    parts = pieces_of(start, end, axis0, axis1, cutter[0], cutter[2], blocks.size[0])
+    room = 0
+    for part in range(parts):
+        room += room_wanted(blocks, sweep_of(start, end, axis0, axis1, part / parts, (part + 1) / parts, cutter, blocks.size[0]))
+    return room
+
+
+@njit(cache=True, nogil=True)
+def has_room(blocks: Blocks, sweep: Sweep) -> bool:
+    """Whether all blocks that a sweep may open fit in."""
+    room = blocks.count[0] + blocks.value.shape[0] - blocks.count[1]
+    first, last = box_of(blocks, sweep)
+    box = (last[0] - first[0]) * (last[1] - first[1]) * (last[2] - first[2])
+    return bool(room >= box or room >= room_wanted(blocks, sweep))
+
+
+@njit(cache=True, nogil=True)
+def remove_sweep(blocks: Blocks, guard: Blocks, sweep: Sweep, mark: int, told: Array) -> None:
+    """Cut one sweep. Blocks of air are passed over, blocks inside the sweep become air; only the rest is looked at cell by cell."""
+    cell, band = blocks.size[0], blocks.size[1]
+    middle, half = 0.5 * (BLOCK - 1) * cell, HALF_DIAGONAL * cell
+    first, last = box_of(blocks, sweep)
+    for a in range(first[0], last[0]):
+        x = blocks.origin[0] + a * BLOCK * cell + middle
+        for b in range(first[1], last[1]):
+            y = blocks.origin[1] + b * BLOCK * cell + middle
+            for c in range(first[2], last[2]):
+                if blocks.directory[a, b, c] == AIR:
+                    continue
+                z = blocks.origin[2] + c * BLOCK * cell + middle
+                if sweep_bound(sweep, x, y, z) - half >= band:
+                    continue
+                near = sweep_distance(sweep, x, y, z)
+                if near - half >= band:
+                    continue
+                if near + half <= -band:
+                    remove_block(blocks, guard, a, b, c, told)
+                else:
+                    remove_cells(blocks, guard, sweep, a, b, c, mark, told)
+
+
+@njit(cache=True, nogil=True)
+def tell(told: Array, column: int, at: int, depth: float, x: float, y: float, z: float) -> None:
+    """Keep the greatest depth and its place."""
+    if depth > told[column]:
+        told[column] = depth
+        told[at], told[at + 1], told[at + 2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def filled(value: float, cell: float) -> float:
+    """Share of a cell that is metal."""
+    return float(min(1.0, max(0.0, 0.5 - value / cell)))
+
+
+@njit(cache=True, nogil=True)
+def gouge_of(guard: Blocks, a: int, b: int, c: int, i: int, j: int, k: int, taken: float, inside: float) -> float:
+    """Depth of a cut below the target's surface, as one cell next to both sees it, mm; negative: the cut keeps off.
+
+    taken : depth of the metal that went here, mm   inside : depth in the cutter, mm
+    A ball round the cell with radius `inside` is cut, one with radius -target is part: what they overlap by lies below the target's surface.
     """
-    low, high = swept_box(field.shape, origin, cell, band, start, end, axis, radius, reach)
-    along = end - start
-    lift = along[0] * axis[0] + along[1] * axis[1] + along[2] * axis[2]
-    across = along - lift * axis
-    length = np.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
-    oblique = length > PARALLEL and abs(lift) > PARALLEL
-    across = across / length if length > PARALLEL else 0.0 * across
-    upright = axis[2] > 1.0 - UPRIGHT
-    widest2 = (radius + band + cell) ** 2
-    deepest = 0.0
-    for i in range(low[0], high[0] + 1):
-        dx = origin[0] + i * cell - start[0]
-        for j in range(low[1], high[1] + 1):
-            dy = origin[1] + j * cell - start[1]
-            if upright:
-                ahead = dx * across[0] + dy * across[1]
-                past = ahead - min(length, max(0.0, ahead))
-                if dx * dx + dy * dy - ahead * ahead + past * past > widest2:
-                    continue
-            for k in range(low[2], min(high[2], top) + 1):
-                value = field[i, j, k]
+    part = guard.directory[a, b, c]
+    if part == AIR:
+        return -guard.size[1]
+    target = -guard.size[1] if part == METAL else float(guard.value[part, i, j, k])
+    if target >= guard.size[1]:
+        return -guard.size[1]
+    return min(inside - target, guard.size[1]) if taken > TOUCH * guard.size[0] else -guard.size[1]
+
+
+@njit(cache=True, nogil=True)
+def remove_block(blocks: Blocks, guard: Blocks, a: int, b: int, c: int, told: Array) -> None:
+    """Make a block that lies deep inside the sweep air."""
+    cell, band = blocks.size[0], blocks.size[1]
+    block = blocks.directory[a, b, c]
+    is_guarded = guard.directory[a, b, c] != AIR
+    if block == METAL and not is_guarded:
+        i, j, k = (a * BLOCK + 3) * cell, (b * BLOCK + 3) * cell, (c * BLOCK + 3) * cell
+        tell(told, ENGAGED, ENGAGED_AT, band, blocks.origin[0] + i, blocks.origin[1] + j, blocks.origin[2] + k)
+        told[REMOVED] += BLOCK**3 * cell**3
+    else:
+        for i in range(BLOCK):
+            x = blocks.origin[0] + (a * BLOCK + i) * cell
+            for j in range(BLOCK):
+                y = blocks.origin[1] + (b * BLOCK + j) * cell
+                for k in range(BLOCK):
+                    z = blocks.origin[2] + (c * BLOCK + k) * cell
+                    value = -band if block == METAL else float(blocks.value[block, i, j, k])
+                    if value >= band:
+                        continue
+                    told[REMOVED] += filled(value, cell) * cell**3
+                    tell(told, ENGAGED, ENGAGED_AT, -value, x, y, z)
+                    if is_guarded and value < 0.0:
+                        tell(told, GOUGE, GOUGE_AT, gouge_of(guard, a, b, c, i, j, k, band - value, band), x, y, z)
+    drop_block(blocks, a, b, c, AIR)
+
+
+@njit(cache=True, nogil=True)
+def remove_cells(blocks: Blocks, guard: Blocks, sweep: Sweep, a: int, b: int, c: int, mark: int, told: Array) -> None:
+    """Cut the cells of a block that the surface of the sweep comes near to."""
+    cell, band = blocks.size[0], blocks.size[1]
+    plain = is_plain(sweep)
+    block = int(blocks.directory[a, b, c])
+    is_guarded = guard.directory[a, b, c] != AIR
+    cleared = False
+    for i in range(BLOCK):
+        x = blocks.origin[0] + (a * BLOCK + i) * cell
+        for j in range(BLOCK):
+            y = blocks.origin[1] + (b * BLOCK + j) * cell
+            k = 0
+            while k < BLOCK:
+                value = -band if block < 0 else float(blocks.value[block, i, j, k])
                 if value >= band:
+                    k += 1
                     continue
-                dz = origin[2] + k * cell - start[2]
-                axial = dx * axis[0] + dy * axis[1] + dz * axis[2]
-                if axial - max(lift, 0.0) > reach:
+                z = blocks.origin[2] + (c * BLOCK + k) * cell
+                inside = -sweep_bound(sweep, x, y, z)
+                if inside <= value:
+                    k += 1 + int(max(0.0, -inside - band) / cell)  # as many cells further the distance is still beyond the band
                     continue
-                ahead = dx * across[0] + dy * across[1] + dz * across[2]
-                side2 = max(0.0, dx * dx + dy * dy + dz * dz - axial * axial - ahead * ahead)
-                past = ahead - min(length, max(0.0, ahead))
-                # nearest to the axis and highest above the end: no share of the motion brings the cutter closer
-                inside = -cutter_distance(np.sqrt(side2 + past * past), axial - min(0.0, lift), radius, corner)
-                if inside > value and oblique:
-                    inside = -swept_distance(side2, ahead, axial, length, lift, (ahead - past) / length, radius, corner)
-                if inside > value:
-                    if inside > 0.0 and value < 0.0:
-                        deepest = max(deepest, min(inside, -value))
-                    field[i, j, k] = min(band, inside)
-    return float(deepest)
+                if not plain:
+                    inside = -sweep_distance(sweep, x, y, z)
+                    if inside <= value:
+                        k += 1
+                        continue
+                if block < 0:
+                    block = open_block(blocks, a, b, c)
+                told[REMOVED] += (filled(value, cell) - filled(inside, cell)) * cell**3
+                if inside > 0.0 and value < 0.0:
+                    tell(told, ENGAGED, ENGAGED_AT, min(inside, -value), x, y, z)
+                if is_guarded:
+                    tell(told, GOUGE, GOUGE_AT, gouge_of(guard, a, b, c, i, j, k, inside - value, inside), x, y, z)
+                cleared |= inside >= band
+                blocks.value[block, i, j, k] = np.float32(min(band, inside))
+                blocks.mark[block, i, j, k] = np.int16(mark)
+                k += 1
+    if cleared and (blocks.value[block] >= np.float32(band)).all():
+        drop_block(blocks, a, b, c, AIR)
+
+
+class Cut(float):
+    """Bridge."""
+
+    engaged_mm: float
+    gouge_mm: float
+    removed_mm3: float
+    at: Array
+
+    def __new__(cls, engaged_mm: float, gouge_mm: float, removed_mm3: float, at: Array) -> Cut:
+        made = super().__new__(cls, engaged_mm)
+        made.engaged_mm, made.gouge_mm, made.removed_mm3, made.at = engaged_mm, gouge_mm, removed_mm3, at
+        return made

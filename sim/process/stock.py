@@ -1,25 +1,50 @@
-"""The metal on the table: one narrow-band signed distance field that beads are added to and cutters take from."""
+"""The metal on the table: one sparse signed distance field that beads are added to and cutters take from."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from config import Material
-from sim.process.cut import remove_piece
-from sim.process.deposit import add_pieces, highest
+from sim.process.cut import ENGAGED, ENGAGED_AT, GOUGE, GOUGE_AT, REMOVED, TOLD, TOUCH, Cut, remove_pieces, room_of
+from sim.process.deposit import add_pieces
+from sim.process.field import AIR, BLOCK, METAL, Blocks, Field, put
 from sim.process.melt import bead_section
+from sim.process.solid import mesh_field, unite, unite_box
+from sim.process.target import Target
 
 Array = NDArray[np.float64]
 
 BAND_CELLS = 3.0  # the field is exact this far from the surface: enough for a trilinear look-up and a cutter's sweep
 REACH_HEIGHTS = 1.5  # of the bead's height below the spot: what lies deeper the pool does not touch
 ADHESION_WIDTHS = 0.35  # of the bead's width: the pool holds to its neighbour over that much of nothing
-ANGLE_STEP_RAD = 0.02  # a cut with a turning axis is split this fine
+
+
+class DenseView(Field):
+    """The field as readers of a dense array take it."""
+
+    def __array__(self, dtype: object = None, copy: bool | None = None) -> NDArray[np.float32]:
+        return self.dense((0, 0, 0), self.shape)
+
+    def __getitem__(self, key: object) -> NDArray[np.float32]:
+        return self.dense((0, 0, 0), self.shape)[key]  # type: ignore[index]
+
+    def __sub__(self, other: object) -> NDArray[np.float32]:
+        return np.asarray(self) - np.asarray(other)
+
+    def astype(self, kind: type) -> NDArray[np.float64]:
+        return self.dense((0, 0, 0), self.shape).astype(kind)
+
+    def copy(self) -> NDArray[np.float32]:
+        return self.dense((0, 0, 0), self.shape)
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
 
 
 class Stock:
@@ -33,16 +58,15 @@ class Stock:
 
     def __init__(self, bounds: Array, cell_mm: float, material: Material, substrate: Array | None = None) -> None:
         margin = (BAND_CELLS + 1.0) * cell_mm
-        self.cell_mm = float(cell_mm)
-        self.band_mm = BAND_CELLS * self.cell_mm
-        self.material = material
         low = np.asarray(bounds[0], dtype=float) - margin
-        size = np.ceil((np.asarray(bounds[1], dtype=float) + margin - low) / cell_mm).astype(int) + 1
-        self.origin = low
-        self.field = np.full(tuple(size), self.band_mm, dtype=np.float32)
-        self._top = -1  # index along z above which there is no metal
+        cells = np.ceil((np.asarray(bounds[1], dtype=float) + margin - low) / cell_mm).astype(np.int64) + 1
+        self.field = DenseView(low, cell_mm, BAND_CELLS * cell_mm, cells)
+        self.origin, self.cell_mm, self.band_mm = self.field.origin, self.field.cell_mm, self.field.band_mm
+        self.material = material
+        self._part = Field(low, cell_mm, self.band_mm, cells)  # air until `guard`
         self.lost_powder_mm3 = 0.0
         self.deposited_mm3 = 0.0
+        self.removed_mm3 = 0.0
         if substrate is not None:
             self.fill_box(np.asarray(substrate, dtype=float))
 
@@ -52,34 +76,80 @@ class Stock:
         return x, y, z
 
     def fill_box(self, box: Array, from_build: Array | None = None) -> None:
-        """Unite with a box.
+        """Unite with a box. box : (2, 3) float, mm, corners; from_build : (4, 4) float, rigid, from the build frame to the box's."""
+        unite_box(self.field, np.asarray(box, dtype=np.float64), np.eye(4) if from_build is None else from_build)
 
-        box : (2, 3) float, mm, corners   from_build : (4, 4) float   Its frame, turned about z and shifted against the build frame.
+    def unite(self, distance_of: Callable[[Array], Array], box: Array | None = None) -> None:
+        """Unite with a solid given by its signed distance.
+
+        distance_of : points (n, 3) float, mm -> (n,) float, mm, negative inside; 1-Lipschitz
+        box : (2, 3) float, mm   Corners of a box that holds the solid; None: the whole grid.
         """
-        x, y, z = self.points()
-        frame = np.eye(4) if from_build is None else from_build
-        u = frame[0, 0] * x[:, None] + frame[0, 1] * y[None, :] + frame[0, 3]
-        v = frame[1, 0] * x[:, None] + frame[1, 1] * y[None, :] + frame[1, 3]
-        w = frame[2, 2] * z + frame[2, 3]
-        gaps = [np.maximum(box[0, d] - axis, axis - box[1, d]) for d, axis in enumerate((u, v, w))]
-        self.unite(np.maximum(np.maximum(gaps[0], gaps[1])[:, :, None], gaps[2][None, None, :]))
+        if isinstance(distance_of, np.ndarray):
+            dense = np.full(self.field.shape, self.band_mm)
+            dense[...] = distance_of
+            index = lambda p: tuple(np.clip(np.rint((p - self.origin) / self.cell_mm), 0, np.array(self.field.shape) - 1).astype(int).T)
+            unite(self.field, lambda p: dense[index(p)], box)
+            return
+        unite(self.field, distance_of, box)
 
-    def unite(self, distance: NDArray[np.floating[Any]]) -> None:
-        """Unite with a solid given by its signed distance on the grid, mm, negative inside; shape of the field."""
-        np.minimum(self.field, np.clip(distance, -self.band_mm, self.band_mm), out=self.field, casting="same_kind")
-        filled = np.flatnonzero((self.field < self.band_mm).any(axis=(0, 1)))
-        self._top = int(filled[-1]) if len(filled) else -1
+    def guard(self, target: Target) -> None:
+        """Know the part from now on: `cut` tells how deep a cutter goes below its surface. target : build frame."""
+        self._part = mesh_field(target, self.field)
 
     def distance(self, points: Array) -> Array:
         """Signed distance at points by trilinear interpolation, mm, negative in metal. points : (n, 3) float, mm -> (n,) float"""
-        value: Array = map_coordinates(self.field, ((points - self.origin) / self.cell_mm).T, order=1, mode="nearest", output=np.float64)
-        return value
+        return self.field.distance(points)
+
+    def marks(self, points: Array) -> NDArray[np.int16]:
+        """What made the surface next to each point: 0 clamped, > 0 bead of layer mark - 1, < 0 minus the cutter. points : (n, 3) float, mm"""
+        return self.field.marks(points)
 
     def volume_mm3(self, above_mm: float = 0.0) -> float:
         """Metal above a height of the build frame; cells on the surface count by their filled fraction."""
         first = max(0, int(np.ceil((above_mm - self.origin[2]) / self.cell_mm + 0.5)))
-        filled = np.clip(0.5 - self.field[:, :, first:] / self.cell_mm, 0.0, 1.0)
-        return float(filled.sum(dtype=np.float64)) * self.cell_mm**3
+        return float(_filled_cells(self.field.blocks, first)) * self.cell_mm**3
+
+    def cut(
+        self, start: Array, end: Array, axis0: Array, axis1: Array, radius: float, corner: float, reach: float, tool: int = 0
+    ) -> Cut:  # fmt: skip
+        """Remove what a cutter sweeps on one piece of its path, on which its end and its axis go linearly.
+
+        start, end : (3,) float, mm, cutter's end   axis0, axis1 : (3,) float, unit vectors from the end to the spindle
+        radius, corner, reach : mm   reach is the length of the flutes   tool : number, its negative marks the new surface
+        """
+        told = self.cut_pieces(np.concatenate([start, end, axis0, axis1])[None, :], radius, corner, reach, tool)[0]
+        at = told[GOUGE_AT : GOUGE_AT + 3] if told[GOUGE] > 0.0 else told[ENGAGED_AT : ENGAGED_AT + 3]
+        return Cut(float(told[ENGAGED]), float(told[GOUGE]), float(told[REMOVED]), at)
+
+    def cut_pieces(self, path: Array, radius: float, corner: float, reach: float, tool: int = 0) -> Array:
+        """The same along many pieces in order of time.
+
+        path : (n, 12) float   start, end (mm), axis at start and at end of each piece
+        Returns (n, 9) float: engaged_mm, gouge_mm, removed_mm3, place of the deepest engagement (3) and of the deepest gouge (3), mm.
+        """
+        path = np.ascontiguousarray(path, dtype=np.float64)
+        told = np.zeros((len(path), TOLD))
+        cutter = np.array([radius, corner, reach])
+        done = 0
+        while done < len(path):
+            done = remove_pieces(self.field.blocks, self._part.blocks, path, cutter, -tool, done, told)
+            if done < len(path):
+                self.field.reserve_blocks(room_of(self.field.blocks, path[done], cutter))
+        told[told[:, GOUGE] < TOUCH * self.cell_mm, GOUGE] = 0.0
+        self.removed_mm3 += float(told[:, REMOVED].sum())
+        return told
+
+    def snapshot(self) -> dict[str, NDArray[np.generic]]:
+        """The state of the metal, to be given to `restore`; the target of `guard` is not part of it."""
+        totals = np.array([self.lost_powder_mm3, self.deposited_mm3, self.removed_mm3])
+        return {**self.field.snapshot(), "totals": totals}
+
+    def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
+        """Go back to a snapshot. Raises ValueError when it is of another grid."""
+        self.field.restore(state)
+        totals = np.asarray(state["totals"], dtype=np.float64)
+        self.lost_powder_mm3, self.deposited_mm3, self.removed_mm3 = totals.tolist()
 
     def deposit(self, start: Array, end: Array, axis: Array, power_w: float, powder_g_min: float, seconds: float) -> float:
         """Add metal along one straight piece of the spot's path; returns the volume that stuck, mm3.
@@ -118,47 +188,57 @@ class Stock:
         return held
 
     def _deposit_run(self, path: Array, bead: Array) -> float:
-        """Pieces whose axes are all nearest to the same direction of the grid."""
+        """Pieces whose axes are all nearest to the same direction of the grid, on a dense window round them."""
+        points = path[:, :6].reshape(-1, 3)
+        margin = 2.0 * float(bead[:, 0].max()) + 3.0 * float(bead[:, 1].max()) + 2.0 * self.band_mm
+        first = np.clip(np.floor((points.min(axis=0) - margin - self.origin) / self.cell_mm), 0, self.field.shape).astype(np.int64)
+        last = np.clip(np.ceil((points.max(axis=0) + margin - self.origin) / self.cell_mm) + 1, 0, self.field.shape).astype(np.int64)
+        if (last - first).min() < 2:
+            return 0.0
+        window = self.field.dense(first, last)
+        before = window.copy()
         order, up = _upright(path[0, 6:9])
-        field, origin = np.transpose(self.field, order), self.origin[order]
+        field, origin = np.transpose(window, order), (self.origin + first * self.cell_mm)[order]
         turned = path.reshape(-1, 3, 3)[:, :, order]
         if up < 0.0:
             field = field[:, :, ::-1]
             flip = np.array([1.0, 1.0, -1.0])
             origin = origin * flip - np.array([0.0, 0.0, self.cell_mm * (field.shape[2] - 1)])
             turned = turned * flip
-        held = add_pieces(
-            field, origin, self.cell_mm, self.band_mm, np.ascontiguousarray(turned.reshape(-1, 9)), bead, REACH_HEIGHTS, ADHESION_WIDTHS
-        )
-        points = path[:, :6].reshape(-1, 3)
-        box = self._box(points.min(axis=0), points.max(axis=0), 2.0 * float(bead[:, 0].max()))
-        self._top = highest(self.field, self.band_mm, box, self._top)
+        turned = np.ascontiguousarray(turned.reshape(-1, 9))
+        held = add_pieces(field, origin, self.cell_mm, self.band_mm, turned, bead, REACH_HEIGHTS, ADHESION_WIDTHS)
+        self.field.reserve(first, last)
+        _put_window(self.field.blocks, first, before, window)
         return float(held)
 
-    def _box(self, low_mm: Array, high_mm: Array, margin_mm: float) -> NDArray[np.int64]:
-        """(2, 2) int, first and last index along x and y of the cells in a box with a margin."""
-        low = np.floor((low_mm[:2] - margin_mm - self.origin[:2]) / self.cell_mm)
-        high = np.ceil((high_mm[:2] + margin_mm - self.origin[:2]) / self.cell_mm)
-        last = np.array(self.field.shape[:2]) - 1
-        return np.array([np.clip(low, 0, last), np.clip(high, 0, last)]).astype(np.int64)
 
-    def cut(self, start: Array, end: Array, axis0: Array, axis1: Array, radius: float, corner: float, reach: float) -> float:
-        """Remove what a cutter sweeps; returns the greatest depth in metal, mm.
+@njit(cache=True, nogil=True)
+def _put_window(blocks: Blocks, first: NDArray[np.int64], before: NDArray[np.float32], after: NDArray[np.float32]) -> None:
+    for i in range(after.shape[0]):
+        for j in range(after.shape[1]):
+            for k in range(after.shape[2]):
+                if after[i, j, k] != before[i, j, k]:
+                    put(blocks, first[0] + i, first[1] + j, first[2] + k, float(after[i, j, k]), 1)
 
-        start, end : (3,) float, mm, cutter end   axis0, axis1 : (3,) float, unit vectors   radius, corner, reach : mm
-        """
-        turn = float(np.linalg.norm(axis1 - axis0))
-        pieces = 1 + int(turn / ANGLE_STEP_RAD)
-        deepest = 0.0
-        for i in range(pieces):
-            f0, f1 = i / pieces, (i + 1) / pieces
-            axis = axis0 + 0.5 * (f0 + f1) * (axis1 - axis0)
-            depth = remove_piece(
-                self.field, self.origin, self.cell_mm, self.band_mm, self._top,
-                start + f0 * (end - start), start + f1 * (end - start), axis / np.linalg.norm(axis), radius, corner, reach,
-            )  # fmt: skip
-            deepest = max(deepest, float(depth))
-        return deepest
+
+@njit(cache=True, nogil=True)
+def _filled_cells(blocks: Blocks, first: int) -> float:
+    """Metal in cells, those on a surface by their filled fraction, from index `first` along z on."""
+    total = 0.0
+    cell = blocks.size[0]
+    for c in range(first // BLOCK, blocks.directory.shape[2]):
+        low = max(0, first - c * BLOCK)
+        for a in range(blocks.directory.shape[0]):
+            for b in range(blocks.directory.shape[1]):
+                block = blocks.directory[a, b, c]
+                if block == METAL:
+                    total += BLOCK * BLOCK * (BLOCK - low)
+                elif block != AIR:
+                    for i in range(BLOCK):
+                        for j in range(BLOCK):
+                            for k in range(low, BLOCK):
+                                total += min(1.0, max(0.0, 0.5 - blocks.value[block, i, j, k] / cell))
+    return total
 
 
 def _upright(axis: Array) -> tuple[list[int], float]:

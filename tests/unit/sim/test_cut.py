@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from sim.process.cut import cutter_distance
+from sim.process.sweep import cutter_distance
 from tests.unit.sim.metal_bench import UP, block, plate, track, vector
 
 CELL = 0.25
