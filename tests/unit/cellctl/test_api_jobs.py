@@ -89,6 +89,8 @@ async def test_job_is_planned_posted_and_proved_and_shows_its_results(web: Any, 
     assert_problem(await web.viewer.get(f"{root}/program/..%2f..%2fstore.db"), 404)
     assert (await web.viewer.get(f"{root}/proof")).json()["passed"] == job["proof"]["passed"]
     assert (await web.viewer.get(f"{root}/proof/picture")).content.startswith(b"\x89PNG")
+    report = await web.viewer.get(f"{root}/proof/report")
+    assert report.text.startswith("<!doctype html>") and job["proof"]["program_sha256"] in report.text
     record = (await web.viewer.get(f"{root}/record")).json()
     assert record["sha256"]["program"] == program["sha256"] and record["deeds"][0]["verb"] == "submit"
     page = await web.viewer.get(f"{root}/record?format=html")
@@ -239,7 +241,7 @@ async def test_job_on_the_cell_is_not_cancelled_but_aborted(web: Any, part_id: s
 
 async def test_results_that_are_not_there_are_problems(web: Any, part_id: str) -> None:
     job_id = await cancelled_job(web, part_id)
-    for name in ("plan", "plan/layers/0", "plan/file", "program", "program/layer_0001.ngc", "proof", "proof/picture"):
+    for name in ("plan", "plan/layers/0", "plan/file", "program", "program/layer_0001.ngc", "proof", "proof/picture", "proof/report"):
         assert_problem(await web.viewer.get(f"/api/v1/jobs/{job_id}/{name}"), 404)
         assert_problem(await web.viewer.get(f"/api/v1/jobs/job-none/{name}"), 404)
     assert_problem(await web.viewer.get("/api/v1/jobs/job-none/record"), 404)
