@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from sim.process.facet_tree import facet_tree, signed_distances
+from sim.process.field import Field
+from sim.process.part_field import part_field
 
 Array = NDArray[np.float64]
 
-NEIGHBOURS = 8  # facets tried for each point
 SEED = 20  # of the surface samples; fixed, so that the same part gives the same figures
 
 
@@ -18,7 +20,7 @@ class Target:
 
     vertices : (n, 3) float, mm
     facets : (m, 3) int
-    spacing_mm : distance of surface samples; the exact distance is taken to the facets around the nearest ones
+    spacing_mm : distance of surface samples, which are spread over it uniformly by area
     """
 
     def __init__(self, vertices: Array, facets: NDArray[np.int64], spacing_mm: float) -> None:
@@ -29,9 +31,8 @@ class Target:
         double_area = np.linalg.norm(cross, axis=1)
         self.areas: Array = 0.5 * double_area
         self.normals: Array = cross / np.maximum(double_area, 1e-300)[:, None]
-        self.spread = slice(0, 0)  # the samples that are uniform by area; the others find small and thin facets
         self.samples, self.sample_facets = self._sample(spacing_mm)
-        self._tree = cKDTree(self.samples)
+        self.tree = facet_tree(self.corners)
 
     @property
     def bounds(self) -> Array:
@@ -45,7 +46,7 @@ class Target:
         return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
     def _sample(self, spacing_mm: float) -> tuple[Array, NDArray[np.int64]]:
-        """Points spread over the surface by area, then some along each facet: (k, 3) mm and their facets (k,)."""
+        """Points spread over the surface by area: (k, 3) mm and their facets (k,)."""
         wanted = int(np.ceil(self.areas.sum() / spacing_mm**2))
         random = np.random.default_rng(SEED)
         edges = np.concatenate([[0.0], np.cumsum(self.areas)])
@@ -54,28 +55,16 @@ class Target:
         u, v = random.random((2, wanted))
         u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
         a, b, c = (self.corners[facets, i] for i in range(3))
-        spread = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-        along, along_facets = self._along(spacing_mm)
-        self.spread = slice(0, wanted)
-        return np.concatenate([spread, along]), np.concatenate([facets, along_facets])
-
-    def _along(self, spacing_mm: float) -> tuple[Array, NDArray[np.int64]]:
-        """Points beside the longest edge of each facet, so that the thinnest one is found: (k, 3) mm and their facets (k,)."""
-        sides = np.linalg.norm(np.roll(self.corners, -1, axis=1) - self.corners, axis=2)
-        longest = np.argmax(sides, axis=1)
-        counts = np.ceil(sides.max(axis=1) / spacing_mm).astype(np.int64).clip(1)
-        facets = np.repeat(np.arange(len(self.facets)), counts)
-        rank = np.arange(len(facets)) - np.repeat(np.cumsum(counts) - counts, counts)
-        t = ((rank + 0.5) / counts[facets])[:, None]
-        a, b, c = (self.corners[facets, (longest[facets] + i) % 3] for i in range(3))
-        return (2.0 * (a + t * (b - a)) + c) / 3.0, facets
+        return a + u[:, None] * (b - a) + v[:, None] * (c - a), facets
 
     def signed_distance(self, points: Array) -> Array:
-        """Distance to the surface, mm, negative inside. points : (n, 3) float, mm."""
-        _, nearest = self._tree.query(points, k=min(NEIGHBOURS, len(self.samples)), workers=-1)
-        facets: NDArray[np.int64] = self.sample_facets[nearest.reshape(len(points), -1)]
-        distance: Array = nearest_facet(np.ascontiguousarray(points), facets, self.corners, self.normals)
-        return distance
+        """Distance to the surface, mm, negative inside, exact. points : (n, 3) float, mm -> (n,) float"""
+        distance, _ = signed_distances(self.tree, np.ascontiguousarray(points, dtype=np.float64))
+        return np.asarray(distance)
+
+    def field_on(self, origin: Array, cell_mm: float, band_mm: float, cells: tuple[int, ...] | NDArray[np.int64]) -> Field:
+        """Sparse signed distance on a grid of `cells` with the centre of its first cell at `origin`, exact within the band, mm."""
+        return part_field(self.tree, origin, cell_mm, band_mm, cells)
 
     def inside_grid(self, origin: Array, cell_mm: float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Whether each grid point is inside, by parity of crossings along z (half-open rule, exact). -> shape bool."""
@@ -135,60 +124,3 @@ def count_crossings(corners: Array, origin: Array, cell: float, flips: NDArray[n
                     k = max(0, int(np.ceil((height - origin[2]) / cell)))
                     if k < nz:
                         flips[i, j, k] ^= 1
-
-
-@njit(cache=True, nogil=True)
-def nearest_facet(points: Array, candidates: NDArray[np.int64], corners: Array, normals: Array) -> Array:
-    """Signed distance from each point to the nearest of its candidate facets (Ericson, Real-Time Collision Detection, 5.1.5).
-
-    points (n, 3), candidates (n, k) facet indices, corners (m, 3, 3), normals (m, 3) -> (n,) mm
-    Where two facets are equally near (an edge, a corner) the one that the point looks at most squarely gives the sign.
-    """
-    result = np.empty(points.shape[0])
-    for n in range(points.shape[0]):
-        best = 1e30
-        square = 0.0
-        sign = 1.0
-        for c in range(candidates.shape[1]):
-            f = candidates[n, c]
-            away = points[n] - closest_on_triangle(points[n], corners[f, 0], corners[f, 1], corners[f, 2])
-            distance = np.sqrt(np.dot(away, away))
-            height = np.dot(away, normals[f])
-            if distance < best - 1e-9 or (distance < best + 1e-9 and abs(height) > square):
-                best = min(best, distance)
-                square = abs(height)
-                sign = -1.0 if height < 0.0 else 1.0
-        result[n] = sign * best
-    return result
-
-
-@njit(cache=True, nogil=True)
-def closest_on_triangle(p: Array, a: Array, b: Array, c: Array) -> Array:
-    """Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5). All (3,) float."""
-    ab, ac, ap = b - a, c - a, p - a
-    d1, d2 = np.dot(ab, ap), np.dot(ac, ap)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return a
-    bp = p - b
-    d3, d4 = np.dot(ab, bp), np.dot(ac, bp)
-    if d3 >= 0.0 and d4 <= d3:
-        return b
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        on_ab: Array = a + d1 / (d1 - d3) * ab
-        return on_ab
-    cp = p - c
-    d5, d6 = np.dot(ab, cp), np.dot(ac, cp)
-    if d6 >= 0.0 and d5 <= d6:
-        return c
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        on_ac: Array = a + d2 / (d2 - d6) * ac
-        return on_ac
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        on_bc: Array = b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)
-        return on_bc
-    scale = 1.0 / (va + vb + vc)
-    within: Array = a + ab * (vb * scale) + ac * (vc * scale)
-    return within
