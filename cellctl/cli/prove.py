@@ -97,7 +97,7 @@ def _tell(proof: Proof, program: Program) -> None:
     for reason in proof.reasons:
         output.line(_plain(f"  {reason}"))
     for finding in proof.findings:
-        depth = f", {finding.depth_mm:.2f} mm" if finding.depth_mm > 0.0 else ""
+        depth = f", by {finding.depth_mm:.2f} mm" if finding.depth_mm > 0.0 else ""
         times = f", {finding.count} times" if finding.count > 1 else ""
         output.line(_plain(f"{finding.severity}: {finding.kind}: {finding.text}"))
         output.line(_plain(f"  where: {where(finding, program)}{depth}{times}"))

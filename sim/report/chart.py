@@ -26,7 +26,7 @@ def ticks(low: float, high: float, count: int = 6) -> list[float]:
 
 def number(value: float) -> str:
     """A tick's text."""
-    return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
+    return f"{value + 0.0:.6g}".replace("-", "\N{MINUS SIGN}")
 
 
 @dataclass(frozen=True)
@@ -119,12 +119,10 @@ class Frame:
         line = tag("line", x1=LEFT, x2=self.width - RIGHT, y1=y, y2=y, class_=class_)
         return tag("g", line, tag("text", text, x=self.width - RIGHT - 4, y=y - 3, class_="note end"))
 
-    def upright(self, value: float, text: str, class_: str = "limit", side: str = "start") -> Node:
-        """A vertical line with a text at its upper end, to its right ("start") or left ("end")."""
+    def upright(self, value: float, class_: str = "limit") -> Node:
+        """A vertical line."""
         x = float(self.px(value))
-        line = tag("line", x1=x, x2=x, y1=self.at_y, y2=self.at_y + self.height, class_=class_)
-        away = 4.0 if side == "start" else -4.0
-        return tag("g", line, tag("text", text, x=x + away, y=self.at_y + 11, class_=f"note {side}") if text else None)
+        return tag("line", x1=x, x2=x, y1=self.at_y, y2=self.at_y + self.height, class_=class_)
 
 
 def path(x: Array, y: Array) -> str:

@@ -28,7 +28,7 @@ def section(proof: Proof, cell: Cell, material: Material) -> list[Node]:
 
 def _model(material: Material) -> list[Node]:
     """Where the material's figures come from, as its file says."""
-    rows: list[tuple[Node | str, ...]] = [(name.replace("_", " "), text) for name, text in sorted(material.source.items())]
+    rows: list[tuple[Node | str, ...]] = [(tag("code", name), text) for name, text in sorted(material.source.items())]
     density = f"{material.density_g_mm3 * 1e3:.3g} g/cm\N{SUPERSCRIPT THREE}"
     words = f"{material.name}, density {density}. The figures of this powder and where they come from:"
     return [tag("h2", "Model of the process"), tag("p", words), table(("Figures", "Source"), rows, "named")]

@@ -81,7 +81,7 @@ def section(proof: Proof, program: Job) -> list[Node]:
         )
         for index, finding in enumerate(ranked, 1)
     ]
-    names = ("No.", "Severity", "What", "Where (build frame)", "#Depth", "#Seen", "What would help")
+    names = ("No.", "Severity", "What", "Where (build frame)", "#Extent", "#Seen", "What would help")
     seen = [(index, finding, place_of(finding, program)) for index, finding in enumerate(ranked, 1)]
     placed = [(index, finding, at) for index, finding, at in seen if at is not None]
     pictures = [_place(index, finding, at, proof, program) for index, finding, at in placed[:PICTURES_MAX]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from config import Cell, Material, load_material
 from sim.job import Job
@@ -14,10 +14,22 @@ from sim.report.style import PAGE_POLICY, STYLE
 if TYPE_CHECKING:
     from sim.proof import Proof
 
+class Documented(Job, Protocol):
+    """A Program that also says what it was made from."""
+
+    @property
+    def plan_sha256(self) -> str:
+        """Hash (hex) of the plan."""
+
+    @property
+    def mesh_sha256(self) -> str:
+        """Hash (hex) of the part's mesh."""
+
+
 PROCESSES = {"hybrid": "hybrid: deposited and milled in turn", "deposit": "deposited only", "mill": "milled only"}
 
 
-def html(proof: Proof, program: Job, cell: Cell, material: Material | None = None) -> str:
+def html(proof: Proof, program: Documented, cell: Cell, material: Material | None = None) -> str:
     """The report of a proof as one HTML file: no script, nothing from elsewhere, pictures inside; equal proofs give equal bytes.
 
     material : default: the one that the Program names
@@ -44,10 +56,9 @@ def html(proof: Proof, program: Job, cell: Cell, material: Material | None = Non
     return f"<!doctype html>\n{tag('html', head, body, lang='en')}\n"
 
 
-def _head(proof: Proof, program: Job, cell: Cell, material: Material) -> list[Node]:
+def _head(proof: Proof, program: Documented, cell: Cell, material: Material) -> list[Node]:
     """What was proven. There is no date: the same Program gives the same report; the service keeps when it was made."""
     pairs: list[tuple[str, str, str]] = [
-        ("Part", program.part_name, ""),
         ("Process", PROCESSES.get(program.process, program.process), ""),
         ("Cell", cell.name, ""),
         ("Material", material.name, ""),
@@ -55,8 +66,10 @@ def _head(proof: Proof, program: Job, cell: Cell, material: Material) -> list[No
         ("Grid of the twin", f"{proof.deviation.cell_mm:g} mm", ""),
         ("Lines run", f"{proof.lines_executed} of {proof.lines}", ""),
         ("Machine time", duration(proof.duration_s), ""),
-        ("Program, SHA-256", proof.program_sha256, "hash wide"),
-        ("Cell, SHA-256", cell.sha256, "hash wide"),
+        ("Program, SHA-256", proof.program_sha256, "hash"),
+        ("Plan, SHA-256", program.plan_sha256, "hash"),
+        ("Mesh, SHA-256", program.mesh_sha256, "hash"),
+        ("Cell, SHA-256", cell.sha256, "hash"),
     ]
     rows = [
         tag("div", tag("dt", name), tag("dd", text, class_="hash" if kind else None), class_="wide" if kind else None)

@@ -29,7 +29,7 @@ p{margin:0 0 2mm}
 .verdict ul{margin:1.5mm 0 0;padding-left:5mm}
 .verdict li{overflow-wrap:anywhere}
 table{border-collapse:collapse;width:100%;margin:0 0 3mm;font-size:9.5pt}
-th,td{text-align:left;vertical-align:top;padding:.75mm 1.6mm;border-bottom:.2mm solid var(--rule);overflow-wrap:anywhere}
+th,td{text-align:left;vertical-align:top;padding:.75mm 1.6mm;border-bottom:.2mm solid var(--rule);overflow-wrap:break-word}
 th{font-weight:600;background:var(--field);border-bottom-color:var(--ink)}
 thead{display:table-header-group}
 tr{break-inside:avoid}
@@ -48,9 +48,10 @@ pre{margin:1mm 0 0;padding:1.2mm 2mm;background:var(--field);border-left:.6mm so
 font:8pt/1.35 "Liberation Mono",Menlo,Consolas,monospace;
 white-space:pre-wrap;overflow-wrap:anywhere}
 pre b{display:block;background:#fbe3c8}
+table.named{font-size:8.6pt}table.findings{table-layout:fixed}
+.findings th:nth-child(1){width:8mm}.findings th:nth-child(2){width:20mm}.findings th:nth-child(5){width:18mm}.findings th:nth-child(6){width:13mm}
 .findings th:nth-child(-n+2),.named td:first-child{white-space:nowrap}
-.findings td:nth-child(3){width:30%}.findings td:nth-child(4){width:22%}.findings td:last-child{width:26%}
-.beside{display:grid;grid-template-columns:74mm 1fr;gap:6mm;align-items:start}
+.beside{display:grid;grid-template-columns:84mm 1fr;gap:6mm;align-items:start}
 .sign{display:grid;grid-template-columns:1fr 1fr;gap:8mm 12mm;margin-top:9mm;break-inside:avoid}
 .sign div{border-top:.3mm solid var(--ink);padding-top:1mm;font-size:9pt;color:var(--soft);margin-top:13mm}
 ul.plain{margin:0 0 2mm;padding-left:5mm}ul.plain li{margin-bottom:.8mm}

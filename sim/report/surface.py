@@ -32,9 +32,9 @@ def section(proof: Proof) -> list[Node]:
 
 def _figures(proof: Proof) -> Node:
     """Figures of the whole surface and of what a cutter left, side by side."""
-    columns: list[tuple[str, Deviation]] = [("#Whole surface", proof.deviation)]
+    columns: list[tuple[str, Deviation]] = [("#Whole", proof.deviation)]
     if proof.milled is not None:
-        columns.append(("#Milled surfaces", proof.milled))
+        columns.append(("#Milled", proof.milled))
     lines: list[tuple[str, Callable[[Deviation], str]]] = [
         ("Mean (+ too much, \N{MINUS SIGN} missing)", lambda d: f"{d.mean_mm:+.4f} mm".replace("-", "\N{MINUS SIGN}")),
         ("Half of it within", lambda d: f"{d.p50_mm:.3f} mm"),
@@ -68,10 +68,12 @@ def _histogram(proof: Proof) -> Node | None:
     drawn = [
         frame.axes(),
         *(frame.bars(edges[:-1][which], edges[1:][which], foot[which], percent[which], name) for which, name in classes),
-        frame.upright(-proof.tolerance_mm, f"below tolerance: {below:.2f} %", side="end"),
-        frame.upright(proof.tolerance_mm, f"above tolerance: {above:.2f} %"),
+        frame.upright(-proof.tolerance_mm),
+        frame.upright(proof.tolerance_mm),
     ]
-    words = "Histogram of the deviation; the dashed lines are the tolerance"
+    words = (
+        f"Histogram of the deviation. Dashed: the tolerance; {below:.2f} % of the surface lies more than that below the part's, {above:.2f} % above"
+    )
     return tag("figure", svg(TOP + frame.height + BOTTOM, words, *drawn, width=NARROW), tag("figcaption", words + "."))
 
 
@@ -84,7 +86,7 @@ def _layers(proof: Proof) -> list[Node]:
     excess = np.array([layer.excess_mm3 for layer in proof.layers])
     missing = np.array([layer.missing_mm3 for layer in proof.layers])
     x = Scale(float(number.min()) - 0.5, float(number.max()) + 0.5, "layer")
-    upper = Frame(x, spanning(np.append(p99, proof.allowed_mm), "99 % within, mm", 0.01), 110.0, TOP + 14)
+    upper = Frame(x, spanning(np.append(p99, 1.1 * proof.allowed_mm), "99 % within, mm", 0.01), 110.0, TOP + 14)
     lower = Frame(x, spanning(np.concatenate([excess, -missing]), "volume, mm\N{SUPERSCRIPT THREE}", 0.1), 110.0, TOP + 14 + 124.0)
     zero = np.zeros(len(number))
     drawn = [

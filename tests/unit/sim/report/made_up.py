@@ -37,6 +37,8 @@ class ByHand:
     tolerance_mm: float = 0.2
     lines: tuple[str, ...] = tuple(f"N{index + 1}G1X{index}" for index in range(LINES))
     gate: str = "stream"
+    plan_sha256: str = "cd" * 32
+    mesh_sha256: str = "ef" * 32
     stock_allowance_mm: float | None = None
 
     @property

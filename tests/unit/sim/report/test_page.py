@@ -83,7 +83,7 @@ KNOWN = {
 
 def test_figures_of_the_proof_stand_in_the_report() -> None:
     text = squeezed(page_of(proof()))
-    for figure in ("ab" * 32, CELL.sha256, "0.082 mm", "1.2 mm³ = 0.12%", "0.50%", "1234 mm³", "346 mm³", "2.50 mm", "1 h 02 min 03 s", "777"):
+    for figure in ("ab" * 32, "cd" * 32, "ef" * 32, CELL.sha256, "0.082 mm", "1.2 mm³ = 0.12%", "0.50%", "1234 mm³", "346 mm³", "2.50 mm", "1 h 02 min 03 s", "777"):
         assert figure in text, figure
     assert "PASSED" in text and "NOT PASSED" not in text
 

@@ -273,7 +273,7 @@ export const words = {
     foundLayer: (n: string) => `layer ${n}`,
     foundOperation: (n: string) => `operation ${n}`,
     foundAt: (x: string, y: string, z: string) => `X ${x} Y ${y} Z ${z} mm`,
-    foundDepth: (mm: string) => `${mm} mm deep`,
+    foundDepth: (mm: string) => `by ${mm} mm`,
     foundCount: (n: string) => `seen ${n} ×`,
     foundHelp: "What would help:",
     proofPicture: "The part as the twin built it, coloured by its deviation from the mesh",
