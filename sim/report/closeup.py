@@ -165,12 +165,14 @@ def _ruler(scale: float) -> Node:
     """A bar of round length in the lower left corner."""
     length = next(value for value in (50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1) if value * scale < 0.3 * WIDE)
     bar = f"M14 {HIGH - 20}v8h{length * scale:.6g}v-8"
-    return tag("g", tag("path", d=bar, class_="ruler"), tag("text", f"{number(length)} mm", x=18, y=HIGH - 17, class_="note"))
+    back = tag("rect", x=8, y=HIGH - 30, width=length * scale + 12, height=24, class_="paper")
+    return tag("g", back, tag("path", d=bar, class_="ruler"), tag("text", f"{number(length)} mm", x=18, y=HIGH - 17, class_="note"))
 
 
 def _compass(camera: Camera) -> Node:
     """The axes of the build frame in the lower right corner."""
-    x, y, drawn = WIDE - 40.0, HIGH - 34.0, []
+    x, y = WIDE - 40.0, HIGH - 38.0
+    drawn = [tag("rect", x=x - 34, y=y - 34, width=68, height=66, class_="paper")]
     for index, name in enumerate("XYZ"):
         axis = np.eye(3)[index]
         dx, dy = 22.0 * float(axis @ camera.right), -22.0 * float(axis @ camera.up)

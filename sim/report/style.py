@@ -54,7 +54,7 @@ table.named{font-size:8.6pt}table.findings{table-layout:fixed}
 .beside{display:grid;grid-template-columns:84mm 1fr;gap:6mm;align-items:start}
 .sign{display:grid;grid-template-columns:1fr 1fr;gap:8mm 12mm;margin-top:9mm;break-inside:avoid}
 .sign div{border-top:.3mm solid var(--ink);padding-top:1mm;font-size:9pt;color:var(--soft);margin-top:13mm}
-ul.plain{margin:0 0 2mm;padding-left:5mm}ul.plain li{margin-bottom:.8mm}
+ul.plain{break-inside:avoid;break-before:avoid;margin:0 0 2mm;padding-left:5mm}ul.plain li{margin-bottom:.8mm}
 svg text{font-family:"Helvetica Neue",Arial,"Liberation Sans",sans-serif;font-size:10px;fill:#1b2027}
 svg .tick{font-size:9.5px;fill:#3d4650}svg .note{font-size:9.5px;paint-order:stroke;stroke:#fff;stroke-width:3px;stroke-linejoin:round}
 svg .end{text-anchor:end}svg .middle{text-anchor:middle}
@@ -73,7 +73,7 @@ svg .path-near{fill:none;stroke:#1b2027;stroke-width:.7;stroke-opacity:.65}
 svg .path-halo{fill:none;stroke:#fff;stroke-width:4.5;stroke-opacity:.9;stroke-linecap:round}
 svg .path-here{fill:none;stroke:#111;stroke-width:2.2;stroke-linecap:round}
 svg .mark-halo{fill:none;stroke:#fff;stroke-width:5}svg .mark{fill:none;stroke:#c01414;stroke-width:2}
-svg .ruler{fill:none;stroke:#1b2027;stroke-width:1.6}
+svg .paper{fill:#fff;fill-opacity:.82}svg .ruler{fill:none;stroke:#1b2027;stroke-width:1.6}
 @page{size:A4;margin:14mm 12mm}
 @media print{body{margin:0;padding:0;max-width:none;font-size:9.5pt;-webkit-print-color-adjust:exact;print-color-adjust:exact}
 table{font-size:8.8pt}}
