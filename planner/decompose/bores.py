@@ -19,6 +19,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 _ROUND_MM = 0.02  # how far the vertices of a bore may stand from its cylinder: a fifth of the usual tolerance
+_FEWEST = 6  # facets of a wall that goes round
 _FLAT_MM = 1e-3  # how far the ends of a bore may stand from a plane across it
 _ALONG = np.sin(np.radians(1.0))  # normals of a bore's wall lean at most this much along its axis
 _LEVEL = -1e-3  # least z of a bore's axis out of its mouth: from below no cutter comes
@@ -115,7 +116,7 @@ def across_axes(axis: Floats) -> Floats:
 
 def _bore_of(part: Mesh, members: Ints, piece: Ints) -> Bore | None:
     """The bore that a smooth piece of surface is; None if it is none."""
-    if len(members) < 6:
+    if len(members) < _FEWEST:
         return None
     normals, weight = part.normals[members], part.areas[members]
     spread = (normals * weight[:, None]).T @ normals / weight.sum()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import shapely
@@ -11,16 +11,27 @@ from shapely import MultiPolygon
 from planner.nurbs.offset import outset
 from planner.plan import Operation, Pass, Process, Wall
 from planner.process import Settings
-from planner.slicing.regions import LayerRegion
+from planner.slicing.regions import LayerRegion, united
 from planner.toolpath.axis import ends_clear, goes_on_below, leans_inward, ruled_motions, steepest_lean
 from planner.toolpath.bands import Band
 from planner.toolpath.face import face_passes
 from planner.toolpath.motion import Motion
-from planner.toolpath.side import begun_on_flat, places, rest_passes, side_pass, swept_by, unreached, upright_passes
+from planner.toolpath.side import (
+    PAST_START_MM,
+    begun_on_flat,
+    places,
+    side_pass,
+    stretch_passes,
+    swept_by,
+    unreached,
+    upright_passes,
+)
 
 BULGE = 0.04
 """Of the bead's width: how far melt may run out beyond a track's nominal edge."""
 OVERLAP_MM = 0.1  # by which a band reaches under its bottom where the same wall goes on there
+_CLEAR_MM = 0.02  # how far the cutter's end may reach into what stands: rounding of offsets
+_BESIDE_MM = 0.01  # the same on stretches that are chosen to lie beside it
 
 
 def face_operation(
@@ -49,28 +60,17 @@ def side_operations(
     small = settings.with_small_cutter()
     note: str = band.kind
     passes = _ruled_passes(band, below, excess_mm, run_down_mm, settings) if band.kind == "ruled" else []
+    rest: list[Pass] = []
     if not passes:
         note = "upright" if band.kind == "upright" else "stepped"
-        passes = upright_passes(band.region, band.z_bottom, excess_mm, settings)
-        if _may_reach_under(band, below, passes, settings):
-            passes = upright_passes(band.region, band.z_bottom - OVERLAP_MM, excess_mm, settings)
+        passes, rest = _upright_passes(band, below, excess_mm, run_down_mm, settings, small)
     operations = [_milled(Process.MILL_SIDE, band.last, passes, settings, note)] if passes else []
-    rest = _rest_passes(band, excess_mm, settings, small) if small is not None and note != "ruled" else []
     if rest and small is not None:
         operations.append(_milled(Process.MILL_SIDE, band.last, rest, small, f"{note}, rest"))
     left = _left_by_the_cutter(band, small if rest and small is not None else settings)
     if note == "stepped" or not operations:
         left.append(Left("cusps" if operations else "none", band.z_bottom, band.z_top, "", 0, 0.0))
     return operations, left
-
-
-def _rest_passes(band: Band, excess_mm: float, settings: Settings, small: Settings) -> list[Pass]:
-    """Upright passes with the small cutter where the other did not come."""
-    missed = unreached(band.region, settings.cutter_radius_mm)
-    pieces = [*missed.closed.geoms, *missed.corners.geoms]
-    if not pieces:
-        return []
-    return rest_passes(band.region, MultiPolygon(pieces), band.z_bottom, excess_mm, small)
 
 
 def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings, note: str) -> Operation:
@@ -84,13 +84,76 @@ def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings
     )
 
 
-def _may_reach_under(band: Band, below: Sequence[LayerRegion], passes: list[Pass], settings: Settings) -> bool:
-    """Whether the cutter's end, let down a little, would meet nothing that must stand."""
-    if not below or not band.continues or not passes:
+def _upright_passes(
+    band: Band,
+    below: Sequence[LayerRegion],
+    excess_mm: float,
+    run_down_mm: float,
+    settings: Settings,
+    small: Settings | None,
+) -> tuple[list[Pass], list[Pass]]:
+    """Passes round a band, and those of the small cutter where the other does not come.
+
+    They reach as deep under the band's bottom as metal may have run down, where the wall goes on there. Where it goes on
+    along a part of the outline only, that part has passes of its own, so that no fin stands at the bottom.
+    """
+    sunk = _sunk_mm(band, run_down_mm)
+
+    def lowered(make: Callable[[float], list[Pass]], cutter: Settings) -> tuple[list[Pass], bool]:
+        passes = make(band.z_bottom)
+        for depth in (sunk, OVERLAP_MM):
+            if passes and depth > 0.0 and _may_reach_under(band, below, passes, depth, cutter):
+                return make(band.z_bottom - depth), True
+        return passes, False
+
+    passes, is_sunk = lowered(lambda z: upright_passes(band.region, z, excess_mm, settings), settings)
+    rest: list[Pass] = []
+    missed = _missed(band, settings)
+    if small is not None and not missed.is_empty:
+        beside = outset(missed, small.cutter_radius_mm + PAST_START_MM)
+        rest, _ = lowered(lambda z: stretch_passes(band.region, beside, z, excess_mm, small), small)
+    if not is_sunk:
+        (passes if small is None else rest).extend(_under_passes(band, below, sunk, small or settings))
+    return passes, rest
+
+
+def _sunk_mm(band: Band, run_down_mm: float) -> float:
+    """How deep under its bottom a band's cutter should reach, mm: to the substrate at most."""
+    return min(run_down_mm, band.z_bottom) if band.kind == "upright" else 0.0
+
+
+def _missed(band: Band, settings: Settings) -> MultiPolygon:
+    """Where the cutter leaves metal outside a band's walls, mm."""
+    missed = unreached(band.region, settings.cutter_radius_mm)
+    return MultiPolygon([*missed.closed.geoms, *missed.corners.geoms])
+
+
+def _within(band: Band, below: Sequence[LayerRegion], depth_mm: float) -> list[LayerRegion]:
+    """The layers under a band down to a depth."""
+    return [layer for layer in below if layer.z_top > band.z_bottom - depth_mm]
+
+
+def _under_passes(band: Band, below: Sequence[LayerRegion], depth_mm: float, settings: Settings) -> list[Pass]:
+    """Stretches round a band, under its bottom, on which the cutter's end meets nothing that must stand."""
+    near = _within(band, below, depth_mm)
+    if depth_mm <= 0.0 or not near or not all(layer.is_upright for layer in near):
+        return []
+    stands = outset(united([layer.region for layer in near]), settings.cutter_radius_mm - _BESIDE_MM)
+    far = shapely.box(*band.region.bounds).buffer(settings.cutter_diameter_mm)
+    free = MultiPolygon([piece for piece in shapely.get_parts(far - stands) if piece.geom_type == "Polygon"])
+    return stretch_passes(band.region, free, band.z_bottom - depth_mm, 0.0, settings)
+
+
+def _may_reach_under(
+    band: Band, below: Sequence[LayerRegion], passes: list[Pass], depth_mm: float, settings: Settings
+) -> bool:
+    """Whether the cutter's end, let down by a depth where the wall goes on, would meet nothing that must stand."""
+    near = _within(band, below, depth_mm)
+    if not near or not band.continues:
         return False
-    swept = swept_by(passes, settings.cutter_radius_mm - 0.02)
-    near = [layer.areas[2] for layer in below if layer.z_top > band.z_bottom - OVERLAP_MM]
-    return all(shapely.intersection(swept, area).area < 1e-3 for area in near)
+    swept = swept_by(passes, settings.cutter_radius_mm - _CLEAR_MM)
+    areas = [area for layer in near for area in (layer.areas if depth_mm > OVERLAP_MM else layer.areas[2:])]
+    return all(shapely.intersection(swept, area).area < 1e-3 for area in areas)
 
 
 def _ruled_passes(

@@ -19,7 +19,7 @@ from planner.toolpath.motion import Motion, joined, lifted, process_pass, quarte
 Floats = NDArray[np.float64]
 
 _FINISH_SHARE = 0.2  # of the radial depth: what roughing leaves for the finishing pass
-_PAST_START_MM = 1.0  # how far a closed pass runs past its start, so that no witness mark stands
+PAST_START_MM = 1.0  # how far a closed pass runs past its start, so that no witness mark stands
 _LEAST_CORNER_MM2 = 0.02  # metal left in an inside corner that is worth a word
 _TOUCH_MM = 0.02  # how far an arc on or off the wall may dip into what must stand: rounding of offsets
 
@@ -74,19 +74,20 @@ def upright_passes(region: MultiPolygon, z: float, excess_mm: float, settings: S
     return passes
 
 
-def rest_passes(region: MultiPolygon, missed: MultiPolygon, z: float, excess_mm: float, settings: Settings) -> list[Pass]:
-    """Upright passes round a region where a larger cutter left metal: stretches that begin and end where it has been.
+def stretch_passes(
+    region: MultiPolygon, where: MultiPolygon, z: float, excess_mm: float, settings: Settings
+) -> list[Pass]:
+    """Upright passes round a region, only where the cutter's centre lies in a region that is not cut all round, mm.
 
-    missed : what the larger cutter did not reach, mm   settings : of the smaller one   the rest as for `upright_passes`.
+    The rest as for `upright_passes`. Without arcs: they begin and end in air, or where a larger cutter has been.
     """
     row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
-    reach = outset(missed, settings.cutter_radius_mm + _PAST_START_MM)
     passes = []
     for leave in wall_offsets(excess_mm, settings.material.milling.radial_depth_mm):
         centre = outset(region, settings.cutter_radius_mm + leave)
         for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
             loop = lifted(ring.curve.reversed(), z)
-            passes += [process_pass(motion, row) for motion in stretches_within(loop, reach)]
+            passes += [process_pass(motion, row) for motion in stretches_within(loop, where)]
     return passes
 
 
@@ -122,7 +123,7 @@ def side_pass(loop: Motion, keep_out: MultiPolygon, excess_mm: float, settings: 
     The arcs shrink until they stay outside keep_out; in a narrow hole they vanish and the cutter comes down at the wall.
     """
     row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
-    tail = loop.from_arc(min(_PAST_START_MM, 0.2 * loop.length))[0]
+    tail = loop.from_arc(min(PAST_START_MM, 0.2 * loop.length))[0]
     start, _, _, _ = loop.ends()
     _, _, end, _ = tail.ends()
     axis, end_axis = loop.raw_axis_at(loop.tip.domain[0]), tail.raw_axis_at(tail.tip.domain[1])

@@ -17,6 +17,7 @@ from planner.process import Settings
 from planner.recipe import Recipe
 from planner.toolpath.face import face_passes
 from planner.toolpath.links import end_of, start_of
+from planner.toolpath.order import RUNS_DOWN
 from planner.toolpath.side import unreached, wall_offsets
 from tests.unit.planner.small_parts import box, frustum, points_of, steps_of, tube
 
@@ -62,9 +63,10 @@ def test_bands_reach_from_the_substrate_to_the_top_without_a_gap_within_the_axia
                 tops.append(float(layer.top[2]))
     assert bottoms[0] == pytest.approx(0.0, abs=1e-12)
     assert tops[-1] == pytest.approx(5.6)
-    for low, high in zip(bottoms[1:], tops[:-1], strict=True):
-        assert high - low == pytest.approx(0.1, abs=1e-9)
-    assert all(high - low <= SETTINGS.mill_every_mm + 0.1 + 1e-9 for low, high in zip(bottoms, tops, strict=True))
+    crest = 1.5 * SETTINGS.step_over * max(operation.bead_height_mm for operation in ring.operations)
+    run_down = RUNS_DOWN * crest + 1e-9
+    assert all(0.1 - 1e-9 <= high - low <= run_down for low, high in zip(bottoms[1:], tops[:-1], strict=True))
+    assert all(high - low <= SETTINGS.mill_every_mm + run_down for low, high in zip(bottoms, tops, strict=True))
 
 
 def test_side_milling_is_climb_milling_with_the_part_on_the_right(ring: Plan) -> None:
