@@ -7,9 +7,11 @@ from pathlib import Path
 
 import trimesh
 
-from sim.compare import Deviation, compare
-from sim.picture import built_mesh, picture
+from sim.compare import measure
+from sim.deviation import Deviation
+from sim.picture import picture
 from sim.process.stock import Stock
+from sim.process.surface import built_mesh
 from sim.process.target import Target
 from sim.proof import is_within
 
@@ -27,13 +29,13 @@ def write(stock: Stock, target: Target, tolerance_mm: float, directory: Path, na
     target : the part, in the frame of the stock   tolerance_mm : bound on the 99th percentile   name : of the part, for the picture
     Raises OSError when the directory cannot be written. Without any metal above the plate no STL is written.
     """
-    deviation = compare(stock, target)
-    figures = verdict(deviation, tolerance_mm)
+    measured = measure(stock, target, tolerance_mm=tolerance_mm)
+    figures = verdict(measured.whole, tolerance_mm)
     vertices, facets = built_mesh(stock, 0.0)
     directory.mkdir(parents=True, exist_ok=True)
     (directory / STL_NAME).unlink(missing_ok=True)
     if len(facets):
         trimesh.Trimesh(vertices, facets, process=False).export(directory / STL_NAME)
     (directory / JSON_NAME).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    (directory / PNG_NAME).write_bytes(picture(stock, target, deviation, tolerance_mm, name))
+    (directory / PNG_NAME).write_bytes(picture(stock, target, measured.whole, tolerance_mm, name, measured.built))
     return figures

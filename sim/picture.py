@@ -11,10 +11,11 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numba import njit
 from numpy.typing import NDArray
-from skimage.measure import marching_cubes
 
-from sim.compare import Deviation
+from sim.compare import PICTURE_BASE_CELLS, Built
+from sim.deviation import Deviation
 from sim.process.stock import Stock
+from sim.process.surface import built_mesh
 from sim.process.target import Target
 
 Array = NDArray[np.float64]
@@ -28,21 +29,6 @@ INK = "#22272e"
 STEEL = LinearSegmentedColormap.from_list(
     "steel", [(0.0, "#0b2a6b"), (0.25, "#2f78c4"), (0.46, "#b4bcc6"), (0.54, "#b9bcc0"), (0.75, "#e0702e"), (1.0, "#7a0a12")]
 )  # as milled in the middle, blue where metal is missing, red where there is too much
-
-
-def built_mesh(stock: Stock, base_mm: float) -> tuple[Array, NDArray[np.int64]]:
-    """Surface of the stock above `base_mm` as triangles: vertices (n, 3) mm, build frame, and facets (m, 3), closed at the base.
-
-    Empty arrays when there is no metal there.
-    """
-    first = max(0, int(np.floor((base_mm - stock.origin[2]) / stock.cell_mm)) - 1)
-    below = base_mm - (stock.origin[2] + stock.cell_mm * np.arange(first, stock.field.shape[2]))
-    field = np.pad(np.maximum(stock.field[:, :, first:], below), 1, constant_values=stock.band_mm)
-    if not (field < 0.0).any():
-        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    vertices, facets, _, _ = marching_cubes(field, 0.0, spacing=(stock.cell_mm,) * 3)  # type: ignore[no-untyped-call]
-    origin = stock.origin + np.array([0.0, 0.0, first * stock.cell_mm])
-    return vertices - stock.cell_mm + origin, facets.astype(np.int64)
 
 
 @njit(cache=True, nogil=True)
@@ -121,14 +107,19 @@ def shading(vertices: Array, facets: NDArray[np.int64], right: Array, up: Array,
     return brightness
 
 
-def picture(stock: Stock, target: Target, deviation: Deviation, tolerance_mm: float, name: str) -> bytes:
-    """PNG of the as-built part. Colours end at twice the tolerance; what stands on the substrate only is drawn."""
-    vertices, facets = built_mesh(stock, stock.cell_mm)
+def picture(stock: Stock, target: Target, deviation: Deviation, tolerance_mm: float, name: str, built: Built | None = None) -> bytes:
+    """PNG of the as-built part. Colours end at twice the tolerance; what stands on the substrate only is drawn.
+
+    built : of `measure`, which saves finding the surface again
+    """
+    if built is None:
+        vertices, facets = built_mesh(stock, PICTURE_BASE_CELLS * stock.cell_mm)
+        built = vertices, facets, target.signed_distance(vertices)
+    vertices, facets, value = built
     figure = Figure(figsize=(12.0, 6.6), dpi=110, facecolor=(PAPER,) * 3)
     FigureCanvasAgg(figure)
     limit = 2.0 * tolerance_mm
     if len(vertices):
-        value = target.signed_distance(vertices)
         for index, (azimuth, elevation, words) in enumerate(VIEWS):
             axes = figure.add_axes((0.015 + 0.455 * index, 0.16, 0.445, 0.74))
             axes.imshow(render(vertices, facets, value, azimuth, elevation, limit), interpolation="antialiased")

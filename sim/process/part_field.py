@@ -14,6 +14,7 @@ Index = NDArray[np.int64]
 
 PART = 4  # cells along an edge of the eighth of a block for which facets are gathered
 FEW_FACETS = 24  # within reach of a block: so many are tried one by one for each cell, more are searched for
+SURE_CELLS = 1.5  # a cell so far from the surface has no surface, and no zero, between itself and the next
 ROUNDING = 1e-6  # of a cell
 
 
@@ -93,7 +94,7 @@ def fill_blocks(tree: FacetTree, origin: Array, cell: float, band: float, near: 
             if abs(centre) >= half + band + ROUNDING * cell:
                 cells[:] = np.float32(band if centre > 0.0 else -band)
                 continue
-            reach = min(abs(centre) + 2.0 * half, band + half) + ROUNDING * cell
+            reach = min(abs(centre) + 2.0 * half, max(band, SURE_CELLS * cell) + half) + ROUNDING * cell
             count = facets_within(tree, stack, x + middle, y + middle, z + middle, reach, few)
             for m in range(min(count, FEW_FACETS)):
                 for d in range(3):
@@ -109,18 +110,19 @@ def fill_part(
 ) -> int:  # fmt: skip
     """Signed distance at PART x PART x PART cells, the first one at (x, y, z), from the `count` facets within reach, or by search.
 
-    A cell with no surface within the band is on the side of the cell before. Returns a facet to begin the next search with.
+    A cell with no surface within the band, or SURE_CELLS, is on the side of the cell before. Returns a facet to begin the next search with.
     """
+    sure = max(band, SURE_CELLS * cell)
     for i in range(PART):
         for j in range(PART):
             for k in range(PART):
                 px, py, pz = x + cell * i, y + cell * j, z + cell * k
                 if count <= FEW_FACETS:
-                    distance = nearest_of(tree, few, boxes, count, px, py, pz, band)
-                    if distance >= band and i + j + k > 0:
+                    distance = nearest_of(tree, few, boxes, count, px, py, pz, sure)
+                    if distance >= sure and i + j + k > 0:
                         before = cells[i, j, k - 1] if k > 0 else (cells[i, j - 1, k] if j > 0 else cells[i - 1, j, k])
                         distance = band if before > 0.0 else -band
-                    elif distance >= band:
+                    elif distance >= sure:
                         distance, facet = nearest(tree, stack, px, py, pz, facet)
                 else:
                     distance, facet = nearest(tree, stack, px, py, pz, facet)
@@ -159,7 +161,7 @@ def nearest_of(tree: FacetTree, few: Index, boxes: Array, count: int, x: float, 
     boxes : (count, 6) float, mm   Box of each facet.
     """
     least, side, best = band * band, 1.0, 0
-    n = tree.normals
+    n, c = tree.normals, tree.corners
     for m in range(count):
         gx = max(boxes[m, 0] - x, x - boxes[m, 3], 0.0)
         gy = max(boxes[m, 1] - y, y - boxes[m, 4], 0.0)
@@ -167,6 +169,9 @@ def nearest_of(tree: FacetTree, few: Index, boxes: Array, count: int, x: float, 
         if gx * gx + gy * gy + gz * gz >= least:
             continue
         f = few[m]
+        rise = (x - c[f, 0, 0]) * n[f, 0, 0] + (y - c[f, 0, 1]) * n[f, 0, 1] + (z - c[f, 0, 2]) * n[f, 0, 2]
+        if rise * rise >= least:
+            continue
         rx, ry, rz, gap, where = to_facet(tree, f, x, y, z)
         if gap < least:
             least, best = gap, m

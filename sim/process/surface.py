@@ -22,24 +22,7 @@ def built_mesh(stock: Stock, base_mm: float) -> Triangles:
 
     Empty arrays when there is no metal there; base_mm = -inf: the whole stock. See `field_mesh`.
     """
-    return field_mesh(sparse_field(stock), base_mm)
-
-
-def sparse_field(stock: Stock) -> Field:
-    """The stock's field in blocks."""
-    values = stock.field
-    if isinstance(values, Field):
-        return values
-    field = Field(stock.origin, stock.cell_mm, stock.band_mm, values.shape)
-    entries = [n // BLOCK for n in field.shape]
-    whole = np.pad(values, [(0, n - m) for n, m in zip(field.shape, values.shape, strict=True)], constant_values=field.band_mm)
-    cells = whole.reshape(entries[0], BLOCK, entries[1], BLOCK, entries[2], BLOCK).transpose(0, 2, 4, 1, 3, 5)
-    low, high = cells.min(axis=(3, 4, 5)), cells.max(axis=(3, 4, 5))
-    directory = np.where(low == field.band_mm, AIR, np.where(high == -field.band_mm, METAL, 0)).astype(np.int32)
-    mixed = directory == 0
-    directory[mixed] = np.arange(mixed.sum())
-    field.restore({"directory": directory, "value": cells[mixed], "mark": np.zeros(cells[mixed].shape, np.int16)})
-    return field
+    return field_mesh(stock.field, base_mm)
 
 
 def field_mesh(field: Field, base_mm: float = -np.inf) -> Triangles:
