@@ -72,7 +72,8 @@ def _histogram(proof: Proof) -> Node | None:
         frame.upright(proof.tolerance_mm),
     ]
     words = (
-        f"Histogram of the deviation. Dashed: the tolerance; {below:.2f} % of the surface lies more than that below the part's, {above:.2f} % above"
+        f"Histogram of the deviation. Dashed: the tolerance; about {below:.2f} % of the surface lies more than that below the part's,"
+        f" {above:.2f} % above. The first and the last bar also hold what lies beyond"
     )
     return tag("figure", svg(TOP + frame.height + BOTTOM, words, *drawn, width=NARROW), tag("figcaption", words + "."))
 
