@@ -1,0 +1,298 @@
+"""Conservative advancement: solids are measured only when, since the last time, they may have come as near as matters.
+
+Every solid has an odometer: a bound of how far any point of it has moved (in the machine frame, and against the table). A pair that was d
+apart cannot touch before its two odometers have gone on by d. Between two poses a point strays from its straight way by at most an eighth
+of its greatest acceleration over the piece; pieces are cut so that this stays small, and it is added to the odometers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim.machine.against_solids import pair_distance
+from sim.machine.against_stock import stock_distance
+from sim.machine.bodies import Bodies, body_distance, is_round
+from sim.machine.links import Links, multiply, place
+from sim.process.field import Blocks
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+STEP_MM = 0.5  # of motion between two looks at solids that are nearly together
+TURN_RAD = 0.02  # of all rotary joints together, between two poses
+STOCK = -1  # the partner, where it is the stock
+HIT_COLUMNS = 7  # first solid, second or STOCK, piece, depth or gap mm, place mm (table frame)
+
+
+class Rules(NamedTuple):
+    """What is watched. pair : (p, 2) solids   allowed : (p,) mm of overlap, a bound for both kinds of contact.
+
+    counts : (p,) 1 where the pair's gap counts as clearance   meets_stock : (n,) 1 for solids that must not touch the stock
+    contact : (1,) mm of overlap with the stock that is rounding   lever : (1,) mm, farthest point from any rotary axis
+    """
+
+    pair: Index
+    allowed: Array
+    counts: Index
+    meets_stock: Index
+    contact: Array
+    lever: Array
+
+
+class Odometers(NamedTuple):
+    """State between steps. world, table : (carriers, 3, 4) last pose   in_world, in_table : (n,) mm, odometers of the solids
+
+    pair_due : (p,), stock_due : (n,) mm   Readings at which to measure again.
+    active : (n,) 1 for the solids that are mounted now   hits : (h, HIT_COLUMNS)   found : (1,) rows of hits
+    nearest : (HIT_COLUMNS,)   the least gap so far; nearest[3] begins with the gap above which nobody asks
+    """
+
+    world: Array
+    table: Array
+    in_world: Array
+    in_table: Array
+    pair_due: Array
+    stock_due: Array
+    active: Index
+    hits: Array
+    found: Index
+    nearest: Array
+
+
+class Stand(NamedTuple):
+    """The stock: its blocks, the groups of them that are not air, and (3, 4) its frame from the table's."""
+
+    blocks: Blocks
+    mask: NDArray[np.uint8]
+    from_table: Array
+
+
+@njit(cache=True, nogil=True)
+def _moved(bodies: Bodies, b: int, before: Array, after: Array) -> float:
+    """Bound on the straight way of any point of a solid between two motions (3, 4) of its carrier, mm."""
+    c = bodies.centre[b]
+    way2, turn2 = 0.0, 0.0
+    for i in range(3):
+        d = after[i, 3] - before[i, 3]
+        for j in range(3):
+            d += (after[i, j] - before[i, j]) * c[j]
+        way2 += d * d
+    if is_round(bodies, b):
+        for i in range(3):
+            d = 0.0
+            for j in range(3):
+                d += (after[i, j] - before[i, j]) * bodies.pose[b, j, 2]
+            turn2 += d * d
+    else:
+        for i in range(3):
+            for j in range(3):
+                turn2 += 0.5 * (after[i, j] - before[i, j]) ** 2
+    return float(np.sqrt(way2) + bodies.radius[b] * np.sqrt(turn2))
+
+
+@njit(cache=True, nogil=True)
+def _go(bodies: Bodies, state: Odometers, world: Array, table: Array, stray: float, ways: Array) -> None:
+    """Ways (2, n) of all mounted solids from the last pose to a new one: in the machine frame and against the table."""
+    for b in range(len(bodies.kind)):
+        if state.active[b]:
+            n = bodies.carrier[b]
+            ways[0, b] = _moved(bodies, b, state.world[n], world[n])
+            ways[1, b] = _moved(bodies, b, state.table[n], table[n])
+            ways[0, b] += stray if ways[0, b] > 0.0 else 0.0
+            ways[1, b] += stray if ways[1, b] > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _greatest_due(rules: Rules, state: Odometers, ways: Array) -> float:
+    """Greatest way of what has to be measured within it; 0 if nothing has."""
+    worst = 0.0
+    for p in range(len(rules.pair)):
+        a, b = rules.pair[p, 0], rules.pair[p, 1]
+        way = ways[0, a] + ways[0, b]
+        if way > worst and state.in_world[a] + state.in_world[b] + way >= state.pair_due[p] and state.active[a] and state.active[b]:
+            worst = way
+    for b in range(len(rules.meets_stock)):
+        if rules.meets_stock[b] and state.active[b] and ways[1, b] > worst and state.in_table[b] + ways[1, b] >= state.stock_due[b]:
+            worst = ways[1, b]
+    return worst
+
+
+@njit(cache=True, nogil=True)
+def _commit(bodies: Bodies, state: Odometers, world: Array, table: Array, ways: Array) -> None:
+    state.world[:] = world
+    state.table[:] = table
+    for b in range(len(bodies.kind)):
+        if state.active[b]:
+            state.in_world[b] += ways[0, b]
+            state.in_table[b] += ways[1, b]
+
+
+@njit(cache=True, nogil=True)
+def _note(state: Odometers, line: Index, a: int, b: int, piece: int, depth: float, at: Array) -> None:
+    """Keep a hit; of several of one pair in one line, the deepest."""
+    row = state.found[0]
+    for n in range(state.found[0]):
+        hit = state.hits[n]
+        if hit[0] == a and hit[1] == b and line[int(hit[2])] == line[piece]:
+            if depth <= hit[3]:
+                return
+            row = n
+    if row == len(state.hits):
+        return
+    state.hits[row, 0], state.hits[row, 1], state.hits[row, 2], state.hits[row, 3] = a, b, piece, depth
+    state.hits[row, 4:] = at
+    state.found[0] = max(state.found[0], row + 1)
+
+
+@njit(cache=True, nogil=True)
+def _to_table(links: Links, state: Odometers, at: Array) -> None:
+    """A point of the machine frame into the table's, in place."""
+    pose = state.world[links.table[0]]
+    x, y, z = at[0] - pose[0, 3], at[1] - pose[1, 3], at[2] - pose[2, 3]
+    for i in range(3):
+        at[i] = pose[0, i] * x + pose[1, i] * y + pose[2, i] * z
+
+
+@njit(cache=True, nogil=True)
+def _measure_pairs(links: Links, bodies: Bodies, rules: Rules, state: Odometers, line: Index, piece: int) -> None:
+    """Measure the pairs that are due at the last pose."""
+    pose_a, pose_b = np.empty((3, 4)), np.empty((3, 4))
+    at = np.empty(3)
+    for p in range(len(rules.pair)):
+        a, b = rules.pair[p, 0], rules.pair[p, 1]
+        reading = state.in_world[a] + state.in_world[b]
+        if not (state.active[a] and state.active[b]) or reading < state.pair_due[p]:
+            continue
+        multiply(state.world[bodies.carrier[a]], bodies.pose[a], pose_a)
+        multiply(state.world[bodies.carrier[b]], bodies.pose[b], pose_b)
+        gap = pair_distance(bodies, a, b, pose_a, pose_b, np.inf, at)
+        wanted = min(state.nearest[3], gap) if rules.counts[p] else 0.0
+        state.pair_due[p] = reading + max(STEP_MM, gap - max(0.0, wanted))
+        if gap < -rules.allowed[p]:
+            _to_table(links, state, at)
+            _note(state, line, a, b, piece, -gap, at)
+        elif rules.counts[p] and gap < state.nearest[3]:
+            _to_table(links, state, at)
+            _keep_nearest(state, a, b, piece, gap, at)
+
+
+@njit(cache=True, nogil=True)
+def _keep_nearest(state: Odometers, a: int, b: int, piece: int, gap: float, at: Array) -> None:
+    state.nearest[0], state.nearest[1], state.nearest[2], state.nearest[3] = a, b, piece, max(0.0, gap)
+    state.nearest[4:] = at
+
+
+@njit(cache=True, nogil=True)
+def _measure_stock(bodies: Bodies, rules: Rules, state: Odometers, stand: Stand, line: Index, piece: int) -> None:
+    """Measure what is due against the stock at the last pose."""
+    turned, pose = np.empty((3, 4)), np.empty((3, 4))
+    at, place_of = np.zeros(3), np.zeros(3)
+    for b in range(len(rules.meets_stock)):
+        if not (rules.meets_stock[b] and state.active[b]) or state.in_table[b] < state.stock_due[b]:
+            continue
+        multiply(state.table[bodies.carrier[b]], bodies.pose[b], turned)
+        multiply(stand.from_table, turned, pose)
+        gap = stock_distance(bodies, b, pose, stand.blocks, stand.mask, at)
+        state.stock_due[b] = state.in_table[b] + max(STEP_MM, gap - max(0.0, min(state.nearest[3], gap)))
+        if gap < state.nearest[3]:
+            frame = stand.from_table
+            x, y, z = at[0] - frame[0, 3], at[1] - frame[1, 3], at[2] - frame[2, 3]
+            for i in range(3):
+                place_of[i] = frame[0, i] * x + frame[1, i] * y + frame[2, i] * z
+            if gap < -rules.contact[0]:
+                _note(state, line, b, STOCK, piece, -gap, place_of)
+            else:
+                _keep_nearest(state, b, STOCK, piece, gap, place_of)
+
+
+@njit(cache=True, nogil=True)
+def _expect_metal(bodies: Bodies, rules: Rules, state: Odometers, tip: Array, room: float) -> None:
+    """New metal may stand within `room` of a tip (table frame): nothing is surely farther from the stock than from there."""
+    for b in range(len(rules.meets_stock)):
+        if rules.meets_stock[b] and state.active[b]:
+            frame, c = state.table[bodies.carrier[b]], bodies.centre[b]
+            away2 = 0.0
+            for i in range(3):
+                away2 += (frame[i, 0] * c[0] + frame[i, 1] * c[1] + frame[i, 2] * c[2] + frame[i, 3] - tip[i]) ** 2
+            away = np.sqrt(away2) - bodies.radius[b]
+            if away - room - state.nearest[3] < state.stock_due[b] - state.in_table[b]:
+                away = _from_solid(bodies, b, frame, tip)
+                state.stock_due[b] = min(state.stock_due[b], state.in_table[b] + max(0.0, away - room - state.nearest[3]))
+
+
+@njit(cache=True, nogil=True)
+def follow(
+    links: Links, bodies: Bodies, rules: Rules, state: Odometers, stand: Stand,
+    joints: Array, slide: Array, line: Index, tip: Array, room: Array,
+) -> None:  # fmt: skip
+    """Watch all solids along pieces of motion; what was found is in `state`.
+
+    joints : (k + 1, n) mm or deg, or (k, 2, n) flattened: begin and end of each piece   slide : (k + 1,)
+    line : (k,)   tip : (k, 3) mm, table frame, at the piece's begin   room : (k,) mm   Reach of metal laid on the piece; 0: none.
+    """
+    count = len(line)
+    world, table = np.empty_like(state.world), np.empty_like(state.table)
+    ways = np.zeros((2, len(bodies.kind)))
+    for piece in range(count):
+        start, end = joints[2 * piece], joints[2 * piece + 1]
+        if piece == 0:
+            place(links, start, slide[0], world, table)
+            _go(bodies, state, world, table, 0.0, ways)
+            _commit(bodies, state, world, table, ways)
+            _measure_pairs(links, bodies, rules, state, line, 0)
+            _measure_stock(bodies, rules, state, stand, line, 0)
+        if room[piece] > 0.0:
+            _expect_metal(bodies, rules, state, tip[piece], room[piece])
+        turn, way = 0.0, abs(slide[piece + 1] - slide[piece]) * np.sqrt(np.sum(links.direction[links.slide[0]] ** 2))
+        for n in range(len(links.column)):
+            if links.column[n] >= 0:
+                step = abs(end[links.column[n]] - start[links.column[n]])
+                turn += np.radians(step) if links.is_rotary[n] else 0.0
+                way += 0.0 if links.is_rotary[n] else step
+        if turn == 0.0 and way == 0.0:
+            continue
+        parts = max(1, int(np.ceil(turn / TURN_RAD)))
+        for part in range(parts):
+            _follow_part(links, bodies, rules, state, stand, start, end, slide, line, piece, part / parts, (part + 1) / parts,
+                         turn, way, world, table, ways)  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _follow_part(
+    links: Links, bodies: Bodies, rules: Rules, state: Odometers, stand: Stand, start: Array, end: Array, slide: Array, line: Index,
+    piece: int, begin: float, finish: float, turn: float, way: float, world: Array, table: Array, ways: Array,
+) -> None:  # fmt: skip
+    """Go on from share `begin` of a piece to `finish`, in finer steps where something has to be measured."""
+    share = finish - begin
+    stray = ((turn * share) ** 2 * rules.lever[0] + 2.0 * turn * way * share * share) / 8.0
+    place(links, start + finish * (end - start), slide[piece] + finish * (slide[piece + 1] - slide[piece]), world, table)
+    _go(bodies, state, world, table, stray, ways)
+    worst = _greatest_due(rules, state, ways)
+    if worst == 0.0:
+        _commit(bodies, state, world, table, ways)
+        return
+    steps = max(1, int(np.ceil(worst / STEP_MM)))
+    for step in range(1, steps + 1):
+        at = begin + share * step / steps
+        if steps > 1:
+            place(links, start + at * (end - start), slide[piece] + at * (slide[piece + 1] - slide[piece]), world, table)
+            _go(bodies, state, world, table, stray / (steps * steps), ways)
+        _commit(bodies, state, world, table, ways)
+        _measure_pairs(links, bodies, rules, state, line, piece)
+        _measure_stock(bodies, rules, state, stand, line, piece)
+
+
+@njit(cache=True, nogil=True)
+def _from_solid(bodies: Bodies, b: int, frame: Array, point: Array) -> float:
+    """Signed distance of a point, mm, from a solid whose carrier has moved by `frame`."""
+    pose = np.empty((3, 4))
+    multiply(frame, bodies.pose[b], pose)
+    x, y, z = point[0] - pose[0, 3], point[1] - pose[1, 3], point[2] - pose[2, 3]
+    own = np.empty(3)
+    for i in range(3):
+        own[i] = pose[0, i] * x + pose[1, i] * y + pose[2, i] * z
+    return float(body_distance(bodies, b, own[0], own[1], own[2]))
