@@ -16,6 +16,7 @@ class Trace:
 
     tip0, tip1 : (k, 3) float, mm    Tip at begin and end of each piece, table frame.
     axis0, axis1 : (k, 3) float    Tool axis (tip into head), table frame.
+    down : (k, 3) float    Direction of gravity at the end of each piece, table frame.
     emission_w : (k,) float, W    Mean emitted power over the piece.
     powder_g_min : (k,) float    Powder that leaves the nozzle.
     dt : (k,) float, s
@@ -28,6 +29,7 @@ class Trace:
     tip1: Floats
     axis0: Floats
     axis1: Floats
+    down: Floats
     emission_w: Floats
     powder_g_min: Floats
     dt: Floats

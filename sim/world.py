@@ -114,6 +114,7 @@ class World:
             tip1=tips[k:],
             axis0=axes[:k],
             axis1=axes[k:],
+            down=self.chain.down_in_table(joints[k:]),
             emission_w=emission,
             powder_g_min=powder,
             dt=pieces[:, la.DURATION].copy(),

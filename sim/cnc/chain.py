@@ -56,6 +56,23 @@ def place_pieces(head: Floats, table: Floats, joints: Floats, tip: Floats) -> tu
     return tips, above - tips
 
 
+@njit(cache=True)
+def turn_back(table: Floats, joints: Floats, direction: Floats) -> Floats:
+    """(k, 3) a direction of the world in the table frame for joints (k, n): turned back by the table's rotary joints, first first."""
+    count = joints.shape[0]
+    out = np.empty((count, 3))
+    for k in range(count):
+        x, y, z = direction[0], direction[1], direction[2]
+        for j in range(table.shape[0]):
+            if table[j, 6] != 0.0:
+                angle = -joints[k, int(table[j, 7])]
+                x0, y0, z0 = carry(table[j], angle, 0.0, 0.0, 0.0)
+                x, y, z = carry(table[j], angle, x, y, z)
+                x, y, z = x - x0, y - y0, z - z0
+        out[k, 0], out[k, 1], out[k, 2] = x, y, z
+    return out
+
+
 class Chain:
     """Both chains of a cell with its tools. joints : (k, n) float, mm or deg, machine coordinates, order of the cell's axes."""
 
@@ -91,6 +108,10 @@ class Chain:
         """Both of the above and below in one pass: (k, 3) mm, tip, and (k, 3) unit vectors, axis."""
         tips, axes = place_pieces(self._head, self._table, joints, self.tip_of(tool))
         return tips, axes
+
+    def down_in_table(self, joints: Floats) -> Floats:
+        """(k, 3) unit vectors, direction of gravity in the table frame; the machine's z is up."""
+        return np.asarray(turn_back(self._table, joints, -TOOL_AXIS))
 
     def axis_in_table(self, joints: Floats, tool: int) -> Floats:
         """(k, 3) unit vectors from tip into the head, in the table frame."""
