@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from config import Cell, Tool
 from sim.process import bead
 from sim.process import pieces as cutting
-from sim.process.bead import lay_pieces, pool_law
+from sim.process.bead import pool_law
 from sim.process.cut import ENGAGED, ENGAGED_AT, GOUGE, GOUGE_AT
+from sim.process.deposit import deposit_pieces
 from sim.process.heat import cold_state, heat_step
 from sim.process.pieces import bead_pieces, by_move, cut_pieces, end_bead, end_cut, most_pieces
 from sim.process.stock import Stock
@@ -154,10 +155,7 @@ class Metal:
     def _lay(self, rows: Array, tool: int) -> Array:
         """Lay down pieces of bead; what was laid, (n, LAID_COLUMNS)."""
         self._head = tool
-        laid, caught, stuck = lay_pieces(self.stock.field, self._laws[tool], rows, self._marks, self.heat)
-        self.stock.deposited_mm3 += stuck
-        self.stock.lost_powder_mm3 += max(0.0, caught - stuck)
-        return laid
+        return deposit_pieces(self.stock, self._laws[tool], rows, self._marks, self.heat)
 
     def _wait(self, trace: Trace, seconds: float) -> None:
         """Let time without a pool go by."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -11,17 +10,13 @@ from numpy.typing import NDArray
 
 from config import Material
 from sim.process.cut import ENGAGED, ENGAGED_AT, GOUGE, GOUGE_AT, REMOVED, TOLD, TOUCH, Cut, remove_pieces, room_of
-from sim.process.deposit import add_pieces
-from sim.process.field import AIR, BLOCK, METAL, Blocks, Field, put
-from sim.process.melt import bead_section
+from sim.process.field import AIR, BLOCK, METAL, Blocks, Field
 from sim.process.solid import mesh_field, unite, unite_box
 from sim.process.target import Target
 
 Array = NDArray[np.float64]
 
 BAND_CELLS = 3.0  # the field is exact this far from the surface: enough for a trilinear look-up and a cutter's sweep
-REACH_HEIGHTS = 1.5  # of the bead's height below the spot: what lies deeper the pool does not touch
-ADHESION_WIDTHS = 0.35  # of the bead's width: the pool holds to its neighbour over that much of nothing
 
 
 class DenseView(Field):
@@ -151,75 +146,6 @@ class Stock:
         totals = np.asarray(state["totals"], dtype=np.float64)
         self.lost_powder_mm3, self.deposited_mm3, self.removed_mm3 = totals.tolist()
 
-    def deposit(self, start: Array, end: Array, axis: Array, power_w: float, powder_g_min: float, seconds: float) -> float:
-        """Add metal along one straight piece of the spot's path; returns the volume that stuck, mm3.
-
-        start, end : (3,) float, mm   axis : (3,) float, unit vector from the spot into the head   seconds : time that the piece takes
-        Any length: it is laid down in pieces of one cell's length, as the pool moves on.
-        """
-        count = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / self.cell_mm - 1e-9)))
-        share = np.arange(count + 1)[:, None] / count
-        points = start + share * (end - start)
-        path = np.hstack([points[:-1], points[1:], np.tile(axis, (count, 1))])
-        process = np.tile([power_w, powder_g_min, seconds / count], (count, 1))
-        return self.deposit_pieces(path, process)
-
-    def deposit_pieces(self, path: Array, process: Array) -> float:
-        """Add metal along pieces in order of time; returns the volume that stuck, mm3.
-
-        path : (n, 9) float   start, end (mm) and axis (unit vector from the spot into the head) of each piece
-        process : (n, 3) float   power W, powder g/min and time s of each piece
-        Pieces of about one cell's length are right: longer ones level the surface too evenly.
-        """
-        bead = np.zeros((len(path), 3))
-        length = np.linalg.norm(path[:, 3:6] - path[:, 0:3], axis=1)
-        for n, (power_w, powder_g_min, seconds) in enumerate(process.tolist()):
-            section = bead_section(self.material, power_w, powder_g_min, length[n] / seconds if seconds > 0.0 else 0.0)
-            bead[n] = 0.5 * section.width_mm, section.height_mm, section.area_mm2 * length[n]
-        melts = bead[:, 2] > 0.0
-        path, bead = path[melts], bead[melts]
-        held = 0.0
-        main = np.argmax(np.abs(path[:, 6:9]), axis=1)
-        ends = np.flatnonzero(np.diff(main, append=-1)) + 1
-        for first, last in pairwise([0, *ends.tolist()]):
-            held += self._deposit_run(path[first:last], bead[first:last])
-        self.deposited_mm3 += held
-        self.lost_powder_mm3 += max(0.0, float(bead[:, 2].sum()) - held)
-        return held
-
-    def _deposit_run(self, path: Array, bead: Array) -> float:
-        """Pieces whose axes are all nearest to the same direction of the grid, on a dense window round them."""
-        points = path[:, :6].reshape(-1, 3)
-        margin = 2.0 * float(bead[:, 0].max()) + 3.0 * float(bead[:, 1].max()) + 2.0 * self.band_mm
-        first = np.clip(np.floor((points.min(axis=0) - margin - self.origin) / self.cell_mm), 0, self.field.shape).astype(np.int64)
-        last = np.clip(np.ceil((points.max(axis=0) + margin - self.origin) / self.cell_mm) + 1, 0, self.field.shape).astype(np.int64)
-        if (last - first).min() < 2:
-            return 0.0
-        window = self.field.dense(first, last)
-        before = window.copy()
-        order, up = _upright(path[0, 6:9])
-        field, origin = np.transpose(window, order), (self.origin + first * self.cell_mm)[order]
-        turned = path.reshape(-1, 3, 3)[:, :, order]
-        if up < 0.0:
-            field = field[:, :, ::-1]
-            flip = np.array([1.0, 1.0, -1.0])
-            origin = origin * flip - np.array([0.0, 0.0, self.cell_mm * (field.shape[2] - 1)])
-            turned = turned * flip
-        turned = np.ascontiguousarray(turned.reshape(-1, 9))
-        held = add_pieces(field, origin, self.cell_mm, self.band_mm, turned, bead, REACH_HEIGHTS, ADHESION_WIDTHS)
-        self.field.reserve(first, last)
-        _put_window(self.field.blocks, first, before, window)
-        return float(held)
-
-
-@njit(cache=True, nogil=True)
-def _put_window(blocks: Blocks, first: NDArray[np.int64], before: NDArray[np.float32], after: NDArray[np.float32]) -> None:
-    for i in range(after.shape[0]):
-        for j in range(after.shape[1]):
-            for k in range(after.shape[2]):
-                if after[i, j, k] != before[i, j, k]:
-                    put(blocks, first[0] + i, first[1] + j, first[2] + k, float(after[i, j, k]), 1)
-
 
 @njit(cache=True, nogil=True)
 def _filled_cells(blocks: Blocks, first: int) -> float:
@@ -239,9 +165,3 @@ def _filled_cells(blocks: Blocks, first: int) -> float:
                             for k in range(low, BLOCK):
                                 total += min(1.0, max(0.0, 0.5 - blocks.value[block, i, j, k] / cell))
     return total
-
-
-def _upright(axis: Array) -> tuple[list[int], float]:
-    """Order of the grid's directions with the one nearest to `axis` last, and its sign."""
-    k = int(np.argmax(np.abs(axis)))
-    return [(k + 1) % 3, (k + 2) % 3, k], float(np.sign(axis[k]))

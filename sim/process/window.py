@@ -11,13 +11,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim.process.field import AIR, BLOCK, MASK, METAL, SHIFT, Blocks, put, value_at
+from sim.process.field import AIR, BLOCK, MASK, SHIFT, Blocks, put, value_at
 
 Array = NDArray[np.float64]
 
 
 class Frame(NamedTuple):
-    """main : direction of the grid along which columns run; flipped : they run against it; length : cells along it; x0.. : mm, centre of cell (0, 0, 0)."""
+    """main : direction of the grid along which columns run   flipped : they run against it   length : cells along it
+    x0 .. z0 : mm, centre of cell (0, 0, 0)."""
 
     main: int
     flipped: bool

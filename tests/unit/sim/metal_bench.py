@@ -5,15 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from config import load_material
-from sim.process.melt import BeadSection, bead_section
+from config import Tool, load_material
+from sim.process.bead import pool_law
+from sim.process.deposit import deposit
+from sim.process.melt import BeadSection, bead_at
 from sim.process.stock import Stock
 
 Array = NDArray[np.float64]
 
 MATERIAL = load_material("316L")
 POWER_W, POWDER_G_MIN, SPEED_MM_S = 1200.0, 12.0, 12.0
-BEAD: BeadSection = bead_section(MATERIAL, POWER_W, POWDER_G_MIN, SPEED_MM_S)
+HEAD = Tool(number=1, name="head", kind="deposition", tip_mm=(0.0, 0.0, -160.0), diameter_mm=2.0)
+LAW = pool_law(MATERIAL, HEAD)
+BEAD = BeadSection(*bead_at(LAW.melt, POWER_W, POWDER_G_MIN, SPEED_MM_S, 0.0, 1.0, LAW.heat.ambient_k)[:3])  # on cold metal
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -38,7 +42,7 @@ def block(low: Array, high: Array, cell_mm: float = 0.2) -> Stock:
 def track(stock: Stock, start: Array, end: Array, axis: Array = UP, powder_g_min: float = POWDER_G_MIN) -> float:
     """One bead at the usual figures; volume that stuck, mm3."""
     seconds = float(np.linalg.norm(end - start)) / SPEED_MM_S
-    return stock.deposit(start, end, axis, POWER_W, powder_g_min, seconds)
+    return deposit(stock, LAW, start, end, axis, POWER_W, powder_g_min, seconds)
 
 
 def height(stock: Stock, x: float, y: float, from_mm: float = 4.9) -> float:

@@ -7,8 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from sim.process.stock import ADHESION_WIDTHS
-from tests.unit.sim.metal_bench import BEAD, MATERIAL, UP, block, height, plate, track, vector
+from sim.process.deposit import deposit
+from sim.process.sag import ADHESION_WIDTHS
+from tests.unit.sim.metal_bench import BEAD, LAW, MATERIAL, UP, block, height, plate, track, vector
 
 STEP = MATERIAL.bead.step_over * BEAD.width_mm
 LAYER = BEAD.area_mm2 / STEP
@@ -115,6 +116,6 @@ def test_later_layers_do_not_refill_what_was_milled_off_a_wall() -> None:
 def test_powder_without_light_and_light_without_powder_leave_the_metal_as_it_is() -> None:
     stock = plate(12.0)
     before = stock.field.copy()
-    stock.deposit(vector(-3.0, 0.0, 0.0), vector(3.0, 0.0, 0.0), UP, 0.0, 12.0, 0.5)
+    deposit(stock, LAW, vector(-3.0, 0.0, 0.0), vector(3.0, 0.0, 0.0), UP, 0.0, 12.0, 0.5)
     track(stock, vector(-3.0, 0.0, 0.0), vector(3.0, 0.0, 0.0), powder_g_min=0.0)
     assert np.array_equal(stock.field, before)
