@@ -1,60 +1,129 @@
-"""Proof of the pipe: build time against proof time, memory, and what stands on the table."""
+"""Proof of every example part: build time against proof time, peak memory, cells per second, and growth with the part's size."""
 
 from __future__ import annotations
 
+import json
 import os
-import resource
+import pickle
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
+
+import numpy as np
 
 import planner
 from config import load_cell
 from planner.mesh import load
-from planner.program import Program
-from planner.recipe import load_recipe
-from sim import prove
-from sim.proof import Proof
+from planner.mesh.mesh import Mesh
+from planner.recipe import Recipe, load_recipe
 from tests.bench.table import Cell, Table
 
-PARTS = Path(__file__).resolve().parents[2] / "config" / "parts"
-GRIDS_MM = (0.4, 0.3, 0.2)
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = ROOT / "config" / "parts"
+CELL = "trunnion_tcp"
+GRIDS_MM = (0.25, 0.1)
+GROWN = "pipe"
+SIZES = (0.5, 1.0, 2.0)  # of the grown part's own size: one to four
+UNNAMED = {"build_direction": "auto", "tolerance_mm": 0.15, "cusp_mm": 0.08, "layer_height_mm": 0.8, "small_cutter_diameter_mm": 4.0}
+"""Recipe of parts that have none of their own."""
+COLUMNS = (
+    "part", "size", "grid mm", "lines", "path m", "build min", "proof s", "CPU s", "build / proof", "peak MB", "cells changed / s",
+    "p99 mm", "missing %", "verdict",
+)  # fmt: skip
 
 
-def row(proof: Proof, seconds: float, cpu_s: float) -> tuple[Cell, ...]:
-    """One line of the table."""
-    seen = proof.deviation
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return (
-        seen.cell_mm, proof.lines, proof.duration_s / 60.0, seconds, cpu_s, proof.duration_s / cpu_s, peak_mb,
-        seen.p50_mm, seen.p99_mm, 100.0 * seen.missing_mm3 / seen.part_mm3, "passed" if proof.passed else "; ".join(proof.reasons),
-    )  # fmt: skip
+def scaled(part: str, size: float) -> Mesh:
+    """A shipped part, larger or smaller."""
+    return load(PARTS / f"{part}.stl", "mm").transformed(np.diag([size, size, size, 1.0]))
 
 
-def planned_and_posted() -> tuple[Program, Table]:
-    """The pipe's Program, and what planning and posting took (the second time: kernels are compiled)."""
-    cell, mesh, recipe = load_cell("trunnion_tcp"), load(PARTS / "pipe.stl", "mm"), load_recipe(PARTS / "pipe.toml")
-    planner.post(planner.plan(mesh, recipe, part_name="pipe"), cell)
-    at = [time.process_time()]
-    plan = planner.plan(mesh, recipe, part_name="pipe")
-    at.append(time.process_time())
-    program = planner.post(plan, cell)
-    at.append(time.process_time())
-    figures = [(len(plan.layers), len(program.lines), at[1] - at[0], at[2] - at[1], program.duration_s / 60.0)]
-    return program, Table("Pipe from mesh to program", ("layers", "lines", "plan s", "post s", "predicted min"), figures, "CPU time of one process")
+def recipe_of(part: str) -> Recipe:
+    """The recipe beside the part, or the one for parts without."""
+    own = PARTS / f"{part}.toml"
+    return load_recipe(own) if own.exists() else Recipe(**UNNAMED)
+
+
+def written(part: str, size: float, folder: Path) -> Path:
+    """Plan and post a part; where mesh, Program and length of the path were put."""
+    mesh = scaled(part, size)
+    plan = planner.plan(mesh, recipe_of(part), part_name=part)
+    metres = sum(step.tip.length for operation in plan.operations for step in operation.passes if not step.is_link) / 1000.0
+    path = folder / f"{part}_{size:g}.pickle"
+    path.write_bytes(pickle.dumps((mesh, planner.post(plan, load_cell(CELL)), metres)))
+    return path
+
+
+def measured(job: Path, grid_mm: float) -> dict[str, float | str]:
+    """Prove in a process of its own, so that time and peak memory are the proof's."""
+    words = [sys.executable, "-m", "tests.bench.bench_prove", str(job), str(grid_mm)]
+    return dict(json.loads(subprocess.run(words, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()[-1]))
+
+
+def row(part: str, size: float, grid_mm: float, job: Path) -> tuple[Cell, ...]:
+    """One line of a table."""
+    seen = measured(job, grid_mm)
+    figures = [seen[key] for key in ("lines", "metres", "build_min", "proof_s", "cpu_s", "ratio", "peak_mb", "cells_s", "p99", "missing")]
+    return (part, f"x {size:g}", grid_mm, *figures, str(seen["verdict"]))
 
 
 def run() -> list[Table]:
-    """Plan and post the pipe, then prove it on grids from coarse to fine."""
-    cell, mesh = load_cell("trunnion_tcp"), load(PARTS / "pipe.stl", "mm")
-    program, made = planned_and_posted()
-    prove(program, cell, mesh, cell_mm=GRIDS_MM[0])  # numba compiles, once
-    rows = []
-    for grid in GRIDS_MM:
-        start, start_cpu = time.perf_counter(), time.process_time()
-        proof = prove(program, cell, mesh, cell_mm=grid)
-        rows.append(row(proof, time.perf_counter() - start, time.process_time() - start_cpu))
-    columns = (
-        "grid mm", "lines", "build min", "proof s", "CPU s", "build / CPU", "peak MB", "p50 mm", "p99 mm", "missing %", "verdict",
-    )  # fmt: skip
-    note = f"config/parts/pipe.stl, hybrid, trunnion_tcp, compiled kernels; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
-    return [made, Table("Proof of the pipe", columns, rows, note)]
+    """Every part on a usual and a fine grid, and one part in three sizes."""
+    names = sorted(path.stem for path in PARTS.glob("*.stl"))
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        jobs = {(name, 1.0): written(name, 1.0, folder) for name in names}
+        jobs |= {(GROWN, size): written(GROWN, size, folder) for size in SIZES}
+        parts = [row(name, 1.0, grid, jobs[name, 1.0]) for name in names for grid in GRIDS_MM]
+        growth = [row(GROWN, size, GRIDS_MM[0], jobs[GROWN, size]) for size in SIZES]
+    note = (
+        f"hybrid, {CELL}; each proof in a process of its own, kernels compiled; path: cut and deposited, without links; "
+        f"cells changed: filled or emptied; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+    )
+    return [Table("Proof of parts", COLUMNS, parts, note), Table("Growth of proofs", COLUMNS, growth, note)]
+
+
+def peak_mb() -> float:
+    """Peak resident memory of this process, MB; what a parent held before does not count."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(float(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM"))
+
+
+def main(job: Path, grid_mm: float) -> None:
+    """Prove one written job and print the figures as a line of JSON. Kernels are loaded before the clock starts."""
+    from sim import prove
+
+    mesh, program, metres = pickle.loads(job.read_bytes())
+    cell = load_cell(CELL)
+    chip = Mesh(*_chip())
+    prove(planner.post(planner.plan(chip, Recipe(layer_height_mm=0.8)), cell), cell, chip, cell_mm=0.5)
+    start, start_cpu = time.perf_counter(), time.process_time()
+    proof = prove(program, cell, mesh, cell_mm=grid_mm)
+    seconds, seen = time.perf_counter() - start, proof.deviation
+    figures = {
+        "lines": proof.lines,
+        "metres": metres,
+        "build_min": proof.duration_s / 60.0,
+        "proof_s": seconds,
+        "cpu_s": time.process_time() - start_cpu,
+        "ratio": proof.duration_s / seconds,
+        "peak_mb": peak_mb(),
+        "cells_s": (proof.deposited_mm3 + proof.removed_mm3) / grid_mm**3 / seconds,
+        "p99": seen.p99_mm,
+        "missing": 100.0 * seen.missing_mm3 / seen.part_mm3,
+        "verdict": "passed" if proof.passed else "; ".join(proof.reasons),
+    }
+    print(json.dumps(figures))
+
+
+def _chip() -> tuple[np.ndarray, np.ndarray]:
+    """A small box: vertices and facets."""
+    import trimesh
+
+    box = trimesh.creation.box((8.0, 8.0, 1.6))
+    return np.asarray(box.vertices), np.asarray(box.faces)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), float(sys.argv[2]))
