@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,6 +48,11 @@ def place_of(finding: Finding, program: Job) -> Array | None:
     return commanded_at(program, finding.line)
 
 
+def unbroken(text: str) -> str:
+    """The text with its coordinates kept together on one line each."""
+    return re.sub(r"(?<=\b[XYZ]) (?=[\N{MINUS SIGN}0-9])|(?<=[0-9]) (?=mm\b)", "\N{NO-BREAK SPACE}", text)
+
+
 def where(finding: Finding, program: Job) -> str:
     """Line, layer, operation and millimetres in words."""
     if finding.line <= 0:
@@ -74,7 +80,7 @@ def section(proof: Proof, program: Job) -> list[Node]:
             str(index),
             tag("span", SIGNS.get(finding.severity, finding.severity), class_="error" if finding.severity == "error" else "warning"),
             tag("div", tag("b", finding.kind), tag("br"), finding.text),
-            where(finding, program),
+            unbroken(where(finding, program)),
             f"{finding.depth_mm:.2f} mm" if finding.depth_mm > 0.0 else "\N{EN DASH}",
             f"{finding.count} \N{MULTIPLICATION SIGN}",
             finding.help or "\N{EN DASH}",
@@ -106,7 +112,7 @@ def _intro(places: int, tolerance_mm: float) -> list[Node]:
 
 def _place(index: int, finding: Finding, at: Array, proof: Proof, program: Job) -> Node:
     """Close-up and text of one place."""
-    title = f"{index}. {finding.kind}: {where(finding, program)}"
+    title = f"{index}. {finding.kind}: {unbroken(where(finding, program))}"
     picture = None
     if proof.built is not None:
         before, here, after = _paths(program, finding.line)

@@ -12,7 +12,7 @@ from sim.report.closeup import data_uri
 from sim.report.markup import Node, table, tag
 
 if TYPE_CHECKING:
-    from sim.compare import Deviation
+    from sim.deviation import Deviation
     from sim.proof import Proof
 
 NARROW = 400.0  # width of the histogram, which stands beside the figures, in units of the page

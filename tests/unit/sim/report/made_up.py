@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from sim.compare import Deviation
+from sim.deviation import Deviation
 from sim.findings import Finding
 from sim.proof import Proof
 from sim.timeline import Timeline

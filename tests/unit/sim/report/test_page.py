@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from config import load_cell
@@ -68,6 +68,7 @@ def test_what_a_part_a_program_and_a_finding_are_called_never_becomes_markup() -
     assert page.text.count("<script>alert(1)</script>") >= 6
 
 
+@settings(max_examples=40, deadline=None)
 @given(st.text())
 def test_any_part_name_is_shown_as_text(name: str) -> None:
     page = page_of(replace(proof(), built=None), ByHand(part_name=name))
