@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.job import Job
 from sim.report.chart import BOTTOM, LEFT, Frame, Scale, legend, number, spanning, svg
-from sim.report.markup import Node, table, tag
+from sim.report.markup import Node, tag
 
 if TYPE_CHECKING:
     from sim.proof import Proof
@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 HEAD = 30.0  # room above the first frame for legend and findings
-STEP = 96.0  # from one frame to the next
-HEIGHT = 82.0
+STEP = 80.0  # from one frame to the next
+HEIGHT = 68.0
+RAPID_PERCENTILE = 90.0  # of the speeds: what is much faster is a rapid
+MARK_STEP = 17.0  # least distance of two numbers above the charts
 MARKS_MAX = 24  # findings marked
 
 
@@ -31,14 +33,14 @@ def section(proof: Proof, program: Job) -> list[Node]:
 def _volumes(proof: Proof, program: Job) -> Node:
     """Time, metal and powder."""
     cubic = "mm\N{SUPERSCRIPT THREE}"
-    rows: list[tuple[Node | str, ...]] = [
-        ("Time on the machine", f"{proof.duration_s:.0f} s"),
+    pairs = [
+        ("Machine time", f"{proof.duration_s:.0f} s"),
         ("Deposited", f"{proof.deposited_mm3:.0f} {cubic}"),
-        ("Powder lost, as solid metal", f"{proof.lost_powder_mm3:.0f} {cubic}"),
+        ("Powder lost", f"{proof.lost_powder_mm3:.0f} {cubic} of solid metal"),
         ("Removed by cutters", f"{proof.removed_mm3:.0f} {cubic}"),
         ("Volume of the part", f"{proof.deviation.part_mm3:.0f} {cubic}"),
     ]
-    return table(("Time and metal", "#Value"), rows)
+    return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in pairs), class_="pairs")
 
 
 def _charts(proof: Proof) -> list[Node]:
@@ -64,7 +66,7 @@ def _charts(proof: Proof) -> list[Node]:
     drawn.append(_findings(proof, x, per, bottom))
     words = (
         "Laser, powder, speed of the tip over the table, height of the focus above the metal, and temperature of the part below the bead over time."
-        " Grey lines: begin of a layer. Numbers above: findings."
+        " Faster moves than those of the process are cut off. Grey lines: begin of a layer. Numbers above: findings."
     )
     return [tag("figure", svg(bottom + BOTTOM, words, *drawn), tag("figcaption", words))]
 
@@ -88,7 +90,7 @@ def _rows(course: Timeline) -> list[Row]:
             (course.powder_min_g_min, course.powder_max_g_min),
         ),
         (
-            spanning(np.append(course.speed_max_mm_s, course.speed_programmed_mm_s), "speed, mm/s"),
+            spanning(_process_speeds(course), "speed, mm/s"),
             course.speed_programmed_mm_s,
             course.speed_mm_s,
             (course.speed_min_mm_s, course.speed_max_mm_s),
@@ -100,6 +102,12 @@ def _rows(course: Timeline) -> list[Row]:
     if np.isfinite(course.base_k).any() and float(np.nanmax(course.base_k)) > 0.0:
         rows.append((spanning(course.base_k - 273.15, "part, °C", 20.0), None, course.base_k - 273.15, None))
     return rows
+
+
+def _process_speeds(course: Timeline) -> Array:
+    """Speed that the scale has to hold: that of nine spans in ten, of those with laser if there are any; rapids would flatten all others."""
+    lit = course.emission_w > 0.0
+    return np.array([1.3 * np.percentile((course.speed_mm_s[lit] if lit.any() else course.speed_mm_s), RAPID_PERCENTILE)])
 
 
 def _range(frame: Frame, time: Array, low: Array, high: Array) -> Node:
@@ -120,14 +128,18 @@ def _findings(proof: Proof, x: Scale, per: float, bottom: float) -> Node:
     """The number of each finding that has a line, where the run reaches that line."""
     course = proof.timeline
     frame = Frame(x, Scale(0.0, 1.0), 0.0, HEAD)
-    drawn: list[Node] = []
     ranked = sorted(proof.findings, key=lambda finding: finding.severity != "error")
+    marks: list[tuple[float, int]] = []
     for index, finding in list(enumerate(ranked, 1))[:MARKS_MAX]:
         reached = np.flatnonzero(course.line >= finding.line)
-        if finding.line <= 0 or not len(reached):
-            continue
-        at = float(frame.px(float(course.time_s[reached[0]]) / per))
-        drawn.append(tag("path", d=f"M{at:.1f} {HEAD:g}V{bottom:g}", class_="limit"))
-        drawn.append(tag("path", d=f"M{at - 8:.1f} {HEAD - 14:g}h16v10l-8 5l-8 -5Z", class_="fault"))
-        drawn.append(tag("text", number(index), x=at, y=HEAD - 5, class_="fault-text middle"))
+        if finding.line > 0 and len(reached):
+            marks.append((float(frame.px(float(course.time_s[reached[0]]) / per)), index))
+    drawn: list[Node] = []
+    free = 0.0
+    for at, index in sorted(marks):
+        sign = max(at, free)
+        free = sign + MARK_STEP
+        drawn.append(tag("path", d=f"M{at:.1f} {bottom:g}V{HEAD:g}L{sign:.1f} {HEAD - 4:g}", class_="limit"))
+        drawn.append(tag("path", d=f"M{sign - 8:.1f} {HEAD - 16:g}h16v9l-8 4l-8 -4Z", class_="fault"))
+        drawn.append(tag("text", number(index), x=round(sign, 1), y=HEAD - 8, class_="fault-text middle"))
     return tag("g", *drawn)

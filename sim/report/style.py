@@ -16,7 +16,7 @@ h3{font-size:10.5pt;margin:0 0 1mm;break-after:avoid}
 p{margin:0 0 2mm}
 .kind{letter-spacing:.06em;text-transform:uppercase;font-size:8.5pt;color:var(--soft);margin:0 0 1mm}
 .soft{color:var(--soft);font-size:9pt}
-.pairs{display:grid;grid-template-columns:1fr 1fr;gap:0 8mm;margin:3mm 0 0}
+.pairs{break-inside:avoid;display:grid;grid-template-columns:1fr 1fr;gap:0 8mm;margin:3mm 0 0}
 .pairs div{display:flex;gap:3mm;border-bottom:.2mm solid var(--rule);padding:.7mm 0}
 .pairs dt{flex:0 0 33mm;color:var(--soft)}
 .pairs dd{margin:0;overflow-wrap:anywhere;min-width:0}
@@ -37,7 +37,7 @@ tr{break-inside:avoid}
 .ok{color:var(--good);font-weight:600;white-space:nowrap}
 .not-ok,.error{color:var(--bad);font-weight:700;white-space:nowrap}
 .warning{color:var(--warn);font-weight:700;white-space:nowrap}
-figure{margin:0 0 3mm;break-inside:avoid}
+figure{margin:0 0 2mm;break-inside:avoid}
 figure img,svg{display:block;width:100%;height:auto}
 figcaption{font-size:9pt;color:var(--soft);margin-top:1mm}
 .places{display:grid;grid-template-columns:1fr 1fr;gap:5mm}
@@ -48,18 +48,18 @@ pre{margin:1mm 0 0;padding:1.2mm 2mm;background:var(--field);border-left:.6mm so
 font:8pt/1.35 "Liberation Mono",Menlo,Consolas,monospace;
 white-space:pre-wrap;overflow-wrap:anywhere}
 pre b{display:block;background:#fbe3c8}
-table.named{font-size:8.6pt}table.findings{table-layout:fixed}
+table.named{font-size:7.8pt;line-height:1.3}table.findings{table-layout:fixed}
 .findings th:nth-child(1){width:8mm}.findings th:nth-child(2){width:20mm}.findings th:nth-child(5){width:18mm}.findings th:nth-child(6){width:13mm}
 .findings th:nth-child(-n+2),.named td:first-child{white-space:nowrap}
 .beside{display:grid;grid-template-columns:84mm 1fr;gap:6mm;align-items:start}
-.sign{display:grid;grid-template-columns:1fr 1fr;gap:8mm 12mm;margin-top:9mm;break-inside:avoid}
-.sign div{border-top:.3mm solid var(--ink);padding-top:1mm;font-size:9pt;color:var(--soft);margin-top:13mm}
+.sign{display:grid;grid-template-columns:1fr 1fr;gap:8mm 12mm;margin-top:2mm;break-inside:avoid}
+.sign div{border-top:.3mm solid var(--ink);padding-top:1mm;font-size:9pt;color:var(--soft);margin-top:11mm}
 ul.plain{break-inside:avoid;break-before:avoid;margin:0 0 2mm;padding-left:5mm}ul.plain li{margin-bottom:.8mm}
 svg text{font-family:"Helvetica Neue",Arial,"Liberation Sans",sans-serif;font-size:10px;fill:#1b2027}
 svg .tick{font-size:9.5px;fill:#3d4650}svg .note{font-size:9.5px;paint-order:stroke;stroke:#fff;stroke-width:3px;stroke-linejoin:round}
 svg .end{text-anchor:end}svg .middle{text-anchor:middle}
 svg .frame{fill:none;stroke:#56606c;stroke-width:.8}svg .grid{stroke:#dfe3e8;stroke-width:.6}
-svg .limit{stroke:#9c1c1c;stroke-width:1.2;stroke-dasharray:7 3}svg .zero{stroke:#1b2027;stroke-width:.8}
+svg .limit{fill:none;stroke:#9c1c1c;stroke-width:1.2;stroke-dasharray:7 3}svg .zero{stroke:#1b2027;stroke-width:.8}
 svg .layer{stroke:#9aa3ad;stroke-width:.5}
 svg .set{fill:none;stroke:#b4520d;stroke-width:.9;stroke-dasharray:4 2.5}
 svg .is{fill:none;stroke:#1f5fa8;stroke-width:1.1;stroke-linejoin:round}

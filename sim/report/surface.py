@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sim.proof import Proof
 
 NARROW = 400.0  # width of the histogram, which stands beside the figures, in units of the page
+LAYER_HEIGHT = 78.0  # of each of the two charts by layer
 LEAST_PERCENT = 1e-3  # where the histogram's logarithmic scale begins
 
 
@@ -61,7 +62,7 @@ def _histogram(proof: Proof) -> Node | None:
     middle = 0.5 * (edges[1:] + edges[:-1])
     outside = np.abs(middle) > proof.tolerance_mm
     x, y = Scale(float(edges[0]), float(edges[-1]), "deviation, mm"), Scale(LEAST_PERCENT, 100.0, "share, % (log)", log=True)
-    frame = Frame(x, y, 190.0, width=NARROW)
+    frame = Frame(x, y, 165.0, width=NARROW)
     foot = np.full(len(percent), LEAST_PERCENT)
     below, above = float(percent[middle < -proof.tolerance_mm].sum()), float(percent[middle > proof.tolerance_mm].sum())
     classes = ((~outside, "bar"), (outside, "bar-out"))
@@ -87,8 +88,8 @@ def _layers(proof: Proof) -> list[Node]:
     excess = np.array([layer.excess_mm3 for layer in proof.layers])
     missing = np.array([layer.missing_mm3 for layer in proof.layers])
     x = Scale(float(number.min()) - 0.5, float(number.max()) + 0.5, "layer")
-    upper = Frame(x, spanning(np.append(p99, 1.1 * proof.allowed_mm), "99 % within, mm", 0.01), 110.0, TOP + 14)
-    lower = Frame(x, spanning(np.concatenate([excess, -missing]), "volume, mm\N{SUPERSCRIPT THREE}", 0.1), 110.0, TOP + 14 + 124.0)
+    upper = Frame(x, spanning(np.append(p99, 1.1 * proof.allowed_mm), "99 % within, mm", 0.01), LAYER_HEIGHT, TOP + 14)
+    lower = Frame(x, spanning(np.concatenate([excess, -missing]), "volume, mm\N{SUPERSCRIPT THREE}", 0.1), LAYER_HEIGHT, TOP + 26 + LAYER_HEIGHT)
     zero = np.zeros(len(number))
     drawn = [
         legend((("key-missing", "missing (down)"), ("key-excess", "too much (up)")), LEFT + 4, 10.0),
