@@ -125,9 +125,11 @@ def columns_under(window: Window, cell: float, pool: Pool, box: NDArray[np.int64
             k_plane = (at - window.z0) / cell
             k = surface_below(column, int(np.ceil(k_plane + 1.0)), max(0, int(np.floor(k_plane - pool.reach / cell))))
             z = window.z0 + k * cell if k >= 0.0 else at
-            dx, dy, dz = x - start[0], y - start[1], z - start[2]
-            depth = dx * axis[0] + dy * axis[1] + dz * axis[2]
-            ox, oy, oz = across(dx - depth * axis[0], dy - depth * axis[1], dz - depth * axis[2], way, length2)
+            depth = (x - start[0]) * axis[0] + (y - start[1]) * axis[1] + (z - start[2]) * axis[2]
+            met = z if z <= at + pool.reach else at  # what stands far above the pool's plane is met in the plane
+            dx, dy, dz = x - start[0], y - start[1], met - start[2]
+            off = dx * axis[0] + dy * axis[1] + dz * axis[2]
+            ox, oy, oz = across(dx - off * axis[0], dy - off * axis[1], dz - off * axis[2], way, length2)
             distance2 = (ox * ox + oy * oy + oz * oz) / (radius * radius)
             if distance2 >= 1.0:
                 continue
@@ -325,10 +327,10 @@ def stands(piece: Array) -> bool:
 @njit(cache=True, nogil=True)
 def holds(window: Window, low: NDArray[np.int64], high: NDArray[np.int64]) -> bool:
     """Whether a box of the turned frame is within a window."""
+    within = True
     for d in range(3):
-        if low[d] < window.first[d] or high[d] > window.first[d] + window.value.shape[d]:
-            return False
-    return True
+        within &= low[d] >= window.first[d] and high[d] <= window.first[d] + window.value.shape[d]
+    return within
 
 
 def lay_pieces(field: Field, law: PoolLaw, pieces: Array, mark_of_line: NDArray[np.int16], state: Array) -> tuple[Array, float, float]:

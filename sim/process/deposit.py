@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.process.bead import AXIS, DOWN, END, PIECE_COLUMNS, POOL_SPEED, POWDER, POWER, SECONDS, START, PoolLaw, lay_pieces
+from sim.process.bead import (
+    AXIS,
+    DOWN,
+    END,
+    PIECE_COLUMNS,
+    POOL_SPEED,
+    POWDER,
+    POWER,
+    SECONDS,
+    START,
+    PoolLaw,
+    lay_pieces,
+)
 from sim.process.heat import cold_state
 from sim.process.stock import Stock
 

@@ -14,7 +14,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sim.process.bead import (
-    AXIS, BASE_K, DOWN, END, LAID_COLUMNS, LINE, MOVE, PIECE_COLUMNS, POOL_SPEED, POWDER, POWER, SECONDS, START,
+    AXIS,
+    BASE_K,
+    DOWN,
+    END,
+    LAID_COLUMNS,
+    LINE,
+    MOVE,
+    PIECE_COLUMNS,
+    POOL_SPEED,
+    POWDER,
+    POWER,
+    SECONDS,
+    START,
 )  # fmt: skip
 
 Array = NDArray[np.float64]
