@@ -44,7 +44,9 @@ def _into(pose: Array, point: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _gap(bodies: Bodies, kinds: tuple[int, int], pair: tuple[int, int], rows: tuple[int, int, int, int], pose: Array, enough: float, own: Array) -> float:
+def _gap(
+    bodies: Bodies, kinds: tuple[int, int], pair: tuple[int, int], rows: tuple[int, int, int, int], pose: Array, enough: float, own: Array
+) -> float:
     """Signed distance of two convex solids, or of single facets of them. rows : first and last point of each   pose : first from second"""
     size_a, size_b = bodies.size[pair[0]], bodies.size[pair[1]]
     a0, a1, b0, b1 = rows

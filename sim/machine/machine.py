@@ -12,7 +12,8 @@ from sim.cnc.chain import Chain
 from sim.machine.against_solids import pair_distance
 from sim.machine.against_stock import GROUP, group_mask
 from sim.machine.bodies import Body, pack
-from sim.machine.links import links_of, multiply, place
+from sim.machine.links import Links, links_of, multiply, place
+from sim.machine.reach import pair_reach
 from sim.machine.solids import bodies_of
 from sim.machine.watch import HIT_COLUMNS, STOCK, Odometers, Rules, Stand, follow
 from sim.process.field import BLOCK
@@ -67,7 +68,7 @@ class Machine:
         self._chain = chain
         self._kinds = {tool.number: tool.kind for tool in cell.tools}
         self._build_from_table = np.asarray(build_from_table, dtype=np.float64)
-        self._rules = _rules(cell, self.solids, self.links.table[0], _lever_mm(cell, self.solids))
+        self._rules = _rules(cell, self.solids, self.links)
         self.ignored: tuple[tuple[str, str], ...] = cell.machine.ignore if cell.machine else ()
         self.touching = self._touching(len(cell.letters))
         """Pairs of names that overlap in the pose as drawn (all joints zero, head in or out) and are not in `machine.ignore`."""
@@ -76,8 +77,8 @@ class Machine:
         nearest = np.zeros(HIT_COLUMNS)
         nearest[3] = max(CLEARANCE_CAP_MM, 2.0 * cell.proof.clearance_mm)
         self._state = Odometers(
-            still, still.copy(), np.zeros(count), np.zeros(count), np.full(len(self._rules.pair), MEASURE_NEW), np.full(count, MEASURE_NEW),
-            np.zeros(count, dtype=np.int64), np.zeros((HITS_MAX, HIT_COLUMNS)), np.zeros(1, dtype=np.int64), nearest,
+            still, still.copy(), np.zeros(len(self._rules.pair)), np.zeros(count), np.full(len(self._rules.pair), MEASURE_NEW),
+            np.full(count, MEASURE_NEW), np.zeros(count, dtype=np.int64), np.zeros((HITS_MAX, HIT_COLUMNS)), np.zeros(1, dtype=np.int64), nearest,
         )  # fmt: skip
         self._tool = MEASURE_NEW
         self._slide = MEASURE_NEW
@@ -222,10 +223,10 @@ class Machine:
         return tuple(found)
 
 
-_KEPT = ("world", "table", "in_world", "in_table", "pair_due", "stock_due", "active", "nearest")
+_KEPT = ("world", "table", "of_pair", "in_table", "pair_due", "stock_due", "active", "nearest")
 
 
-def _rules(cell: Cell, solids: list[Body], table: int, lever_mm: float) -> Rules:
+def _rules(cell: Cell, solids: list[Body], links: Links) -> Rules:
     """Which solids are watched against which: all on different carriers but the pairs that the cell's file lets touch."""
     machine = cell.machine
     ignore = {frozenset(pair) for pair in machine.ignore} if machine else set()
@@ -244,9 +245,11 @@ def _rules(cell: Cell, solids: list[Body], table: int, lever_mm: float) -> Rules
             pairs.append((a, b))
             allowed.append(max(cut, contact) if is_cut else contact)
             counts.append(int(not is_cut))
+    rows = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    meets = [int(not solid.cuts and solid.carrier != links.table[0]) for solid in solids]
     return Rules(
-        np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(allowed, dtype=np.float64), np.array(counts, dtype=np.int64),
-        np.array([int(not solid.cuts and solid.carrier != table) for solid in solids], dtype=np.int64), np.array([contact]), np.array([lever_mm]),
+        rows, np.array(allowed, dtype=np.float64), np.array(counts, dtype=np.int64), np.array(meets, dtype=np.int64),
+        pair_reach(cell, links, solids, rows), np.array([contact]), np.array([_lever_mm(cell, solids)]),
     )  # fmt: skip
 
 

@@ -1,8 +1,9 @@
 """Conservative advancement: solids are measured only when, since the last time, they may have come as near as matters.
 
-Every solid has an odometer: a bound of how far any point of it has moved (in the machine frame, and against the table). A pair that was d
-apart cannot touch before its two odometers have gone on by d. Between two poses a point strays from its straight way by at most an eighth
-of its greatest acceleration over the piece; pieces are cut so that this stays small, and it is added to the odometers.
+Every pair has an odometer: a bound of how far any points of the two have moved against each other. A pair that was d apart cannot touch
+before its odometer has gone on by d. For two solids of the machine it counts the joints between them, each with the longest arm it can
+have (`sim.machine.reach`); for a solid and the stock, the solid's own way in the frame of the table from pose to pose. Between two poses a
+point strays from its straight way by at most an eighth of its greatest acceleration; pieces are cut so that this stays small, and it is added.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ class Rules(NamedTuple):
     """What is watched. pair : (p, 2) solids   allowed : (p,) mm of overlap, a bound for both kinds of contact.
 
     counts : (p,) 1 where the pair's gap counts as clearance   meets_stock : (n,) 1 for solids that must not touch the stock
+    reach : (p, carriers) mm of relative motion for a unit of each joint
     contact : (1,) mm of overlap with the stock that is rounding   lever : (1,) mm, farthest point from any rotary axis
     """
 
@@ -39,12 +41,14 @@ class Rules(NamedTuple):
     allowed: Array
     counts: Index
     meets_stock: Index
+    reach: Array
     contact: Array
     lever: Array
 
 
 class Odometers(NamedTuple):
-    """State between steps. world, table : (carriers, 3, 4) last pose   in_world, in_table : (n,) mm, odometers of the solids
+    """State between steps. world, table : (carriers, 3, 4) last pose
+    of_pair : (p,) mm, odometers of the pairs   in_table : (n,) mm, odometers of the solids against the stock
 
     pair_due : (p,), stock_due : (n,) mm   Readings at which to measure again.
     active : (n,) 1 for the solids that are mounted now   hits : (h, HIT_COLUMNS)   found : (1,) rows of hits
@@ -53,7 +57,7 @@ class Odometers(NamedTuple):
 
     world: Array
     table: Array
-    in_world: Array
+    of_pair: Array
     in_table: Array
     pair_due: Array
     stock_due: Array
@@ -95,40 +99,47 @@ def _moved(bodies: Bodies, b: int, before: Array, after: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _go(bodies: Bodies, state: Odometers, world: Array, table: Array, stray: float, ways: Array) -> None:
-    """Ways (2, n) of all mounted solids from the last pose to a new one: in the machine frame and against the table."""
+def _go(bodies: Bodies, rules: Rules, state: Odometers, table: Array, stray: float, ways: Array) -> None:
+    """Ways (n,) of all mounted solids against the stock, from the last pose to a new one."""
     for b in range(len(bodies.kind)):
-        if state.active[b]:
+        ways[b] = 0.0
+        if state.active[b] and rules.meets_stock[b]:
             n = bodies.carrier[b]
-            ways[0, b] = _moved(bodies, b, state.world[n], world[n])
-            ways[1, b] = _moved(bodies, b, state.table[n], table[n])
-            ways[0, b] += stray if ways[0, b] > 0.0 else 0.0
-            ways[1, b] += stray if ways[1, b] > 0.0 else 0.0
+            way = _moved(bodies, b, state.table[n], table[n])
+            ways[b] = way + stray if way > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True)
-def _greatest_due(rules: Rules, state: Odometers, ways: Array) -> float:
-    """Greatest way of what has to be measured within it; 0 if nothing has."""
+def _pair_way(rules: Rules, p: int, moves: Array) -> float:
+    way = 0.0
+    for n in range(len(moves)):
+        way += rules.reach[p, n] * moves[n]
+    return way
+
+
+@njit(cache=True, nogil=True)
+def _greatest_due(rules: Rules, state: Odometers, moves: Array, ways: Array) -> float:
+    """Greatest way of what has to be measured within it; 0 if nothing has. moves : (carriers,) of their joints"""
     worst = 0.0
     for p in range(len(rules.pair)):
-        a, b = rules.pair[p, 0], rules.pair[p, 1]
-        way = ways[0, a] + ways[0, b]
-        if way > worst and state.in_world[a] + state.in_world[b] + way >= state.pair_due[p] and state.active[a] and state.active[b]:
+        way = _pair_way(rules, p, moves)
+        if way > worst and state.of_pair[p] + way >= state.pair_due[p] and state.active[rules.pair[p, 0]] and state.active[rules.pair[p, 1]]:
             worst = way
-    for b in range(len(rules.meets_stock)):
-        if rules.meets_stock[b] and state.active[b] and ways[1, b] > worst and state.in_table[b] + ways[1, b] >= state.stock_due[b]:
-            worst = ways[1, b]
+    for b in range(len(ways)):
+        if ways[b] > worst and state.in_table[b] + ways[b] >= state.stock_due[b]:
+            worst = ways[b]
     return worst
 
 
 @njit(cache=True, nogil=True)
-def _commit(bodies: Bodies, state: Odometers, world: Array, table: Array, ways: Array) -> None:
+def _commit(rules: Rules, state: Odometers, world: Array, table: Array, moves: Array, share: float, ways: Array) -> None:
+    """Take a new pose; the joints have moved by a share of `moves`."""
     state.world[:] = world
     state.table[:] = table
-    for b in range(len(bodies.kind)):
-        if state.active[b]:
-            state.in_world[b] += ways[0, b]
-            state.in_table[b] += ways[1, b]
+    for p in range(len(rules.pair)):
+        state.of_pair[p] += share * _pair_way(rules, p, moves)
+    for b in range(len(ways)):
+        state.in_table[b] += ways[b]
 
 
 @njit(cache=True, nogil=True)
@@ -164,7 +175,7 @@ def _measure_pairs(links: Links, bodies: Bodies, rules: Rules, state: Odometers,
     at = np.empty(3)
     for p in range(len(rules.pair)):
         a, b = rules.pair[p, 0], rules.pair[p, 1]
-        reading = state.in_world[a] + state.in_world[b]
+        reading = state.of_pair[p]
         if not (state.active[a] and state.active[b]) or reading < state.pair_due[p]:
             continue
         multiply(state.world[bodies.carrier[a]], bodies.pose[a], pose_a)
@@ -234,54 +245,70 @@ def follow(
     joints : (k + 1, n) mm or deg, or (k, 2, n) flattened: begin and end of each piece   slide : (k + 1,)
     line : (k,)   tip : (k, 3) mm, table frame, at the piece's begin   room : (k,) mm   Reach of metal laid on the piece; 0: none.
     """
-    count = len(line)
     world, table = np.empty_like(state.world), np.empty_like(state.table)
-    ways = np.zeros((2, len(bodies.kind)))
-    for piece in range(count):
+    ways, moves = np.zeros(len(bodies.kind)), np.zeros(len(links.column))
+    for piece in range(len(line)):
         start, end = joints[2 * piece], joints[2 * piece + 1]
         if piece == 0:
             place(links, start, slide[0], world, table)
-            _go(bodies, state, world, table, 0.0, ways)
-            _commit(bodies, state, world, table, ways)
+            _go(bodies, rules, state, table, 0.0, ways)
+            _commit(rules, state, world, table, moves, 0.0, ways)
             _measure_pairs(links, bodies, rules, state, line, 0)
             _measure_stock(bodies, rules, state, stand, line, 0)
         if room[piece] > 0.0:
             _expect_metal(bodies, rules, state, tip[piece], room[piece])
-        turn, way = 0.0, abs(slide[piece + 1] - slide[piece]) * np.sqrt(np.sum(links.direction[links.slide[0]] ** 2))
-        for n in range(len(links.column)):
-            if links.column[n] >= 0:
-                step = abs(end[links.column[n]] - start[links.column[n]])
-                turn += np.radians(step) if links.is_rotary[n] else 0.0
-                way += 0.0 if links.is_rotary[n] else step
+        turn, way = _moves(links, start, end, abs(slide[piece + 1] - slide[piece]), moves)
         if turn == 0.0 and way == 0.0:
             continue
         parts = max(1, int(np.ceil(turn / TURN_RAD)))
+        for n in range(len(moves)):
+            moves[n] /= parts
+        stray = (turn * turn * rules.lever[0] + 2.0 * turn * way) / (8.0 * parts * parts)
         for part in range(parts):
-            _follow_part(links, bodies, rules, state, stand, start, end, slide, line, piece, part / parts, (part + 1) / parts,
-                         turn, way, world, table, ways)  # fmt: skip
+            slides = (slide[piece], slide[piece + 1])
+            _follow_part(links, bodies, rules, state, stand, start, end, slides, line, piece, (part, parts), stray, world, table, moves, ways)
+
+
+@njit(cache=True, nogil=True)
+def _moves(links: Links, start: Array, end: Array, slide: float, moves: Array) -> tuple[float, float]:
+    """Ways of all joints, into moves (mm, rad, share of the slide's way); sums of the rotary (rad) and of the linear ones (mm)."""
+    turn, way = 0.0, 0.0
+    for n in range(len(links.column)):
+        column = links.column[n]
+        if column == -2:
+            moves[n] = slide
+            park = links.direction[n]
+            way += slide * np.sqrt(park[0] ** 2 + park[1] ** 2 + park[2] ** 2)
+        elif column >= 0 and links.is_rotary[n]:
+            moves[n] = np.radians(abs(end[column] - start[column]))
+            turn += moves[n]
+        elif column >= 0:
+            moves[n] = abs(end[column] - start[column])
+            way += moves[n]
+    return turn, way
 
 
 @njit(cache=True, nogil=True)
 def _follow_part(
-    links: Links, bodies: Bodies, rules: Rules, state: Odometers, stand: Stand, start: Array, end: Array, slide: Array, line: Index,
-    piece: int, begin: float, finish: float, turn: float, way: float, world: Array, table: Array, ways: Array,
+    links: Links, bodies: Bodies, rules: Rules, state: Odometers, stand: Stand, start: Array, end: Array, slides: tuple[float, float],
+    line: Index, piece: int, part: tuple[int, int], stray: float, world: Array, table: Array, moves: Array, ways: Array,
 ) -> None:  # fmt: skip
-    """Go on from share `begin` of a piece to `finish`, in finer steps where something has to be measured."""
-    share = finish - begin
-    stray = ((turn * share) ** 2 * rules.lever[0] + 2.0 * turn * way * share * share) / 8.0
-    place(links, start + finish * (end - start), slide[piece] + finish * (slide[piece + 1] - slide[piece]), world, table)
-    _go(bodies, state, world, table, stray, ways)
-    worst = _greatest_due(rules, state, ways)
+    """Go on over one of the equal parts of a piece, in finer steps where something has to be measured. part : its number, and how many"""
+    begin, share = part[0] / part[1], 1.0 / part[1]
+    finish = begin + share
+    place(links, start + finish * (end - start), slides[0] + finish * (slides[1] - slides[0]), world, table)
+    _go(bodies, rules, state, table, stray, ways)
+    worst = _greatest_due(rules, state, moves, ways)
     if worst == 0.0:
-        _commit(bodies, state, world, table, ways)
+        _commit(rules, state, world, table, moves, 1.0, ways)
         return
     steps = max(1, int(np.ceil(worst / STEP_MM)))
     for step in range(1, steps + 1):
         at = begin + share * step / steps
         if steps > 1:
-            place(links, start + at * (end - start), slide[piece] + at * (slide[piece + 1] - slide[piece]), world, table)
-            _go(bodies, state, world, table, stray / (steps * steps), ways)
-        _commit(bodies, state, world, table, ways)
+            place(links, start + at * (end - start), slides[0] + at * (slides[1] - slides[0]), world, table)
+            _go(bodies, rules, state, table, stray / (steps * steps), ways)
+        _commit(rules, state, world, table, moves, 1.0 / steps, ways)
         _measure_pairs(links, bodies, rules, state, line, piece)
         _measure_stock(bodies, rules, state, stand, line, piece)
 
