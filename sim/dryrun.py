@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from config import Cell, Material, load_device, load_material
-from sim import job as facts
-from sim.compare import compare
-from sim.findings import Findings
+from sim.checkpoint import DAMAGED, Checkpoints, Place, Prefix, facts_of_run
+from sim.compare import measure
+from sim.contacts import Contacts
+from sim.findings import Finding, Findings
 from sim.job import Job
+from sim.limits import check, targets_beyond_travel
+from sim.machine import Machine
 from sim.picture import picture
 from sim.process.clamping import SAMPLE_MM, TriangleMesh, clamp_block, clamp_mesh, in_build, inverse, metal_for
 from sim.process.target import Target
-from sim.proof import Proof, allowed_deviation_mm, program_digest, verdict
+from sim.proof import Proof, program_digest, thresholds_of, verdict
+from sim.remedies import explain
 from sim.schedule import IdealController
+from sim.state import freeze, thaw
+from sim.watch import Watch
 from sim.world import World
 
 Array = NDArray[np.float64]
@@ -25,12 +32,9 @@ Array = NDArray[np.float64]
 STEP_S = 0.2  # of process time; motion inside a step is exact, and the metal does not depend on it
 WAIT_STEP_S = 0.05  # while a barrier waits for the plant
 FINE_STEP_S = 0.005  # while set-points change with the lines
-STANDSTILL_S = 0.02  # the laser may be on at a standing tip for two ticks of the cell
-STARVED_SHARE = 0.8  # powder below this share of its set-point starves the bead
-LOW_EMISSION_W = 1.0
+BOUNDARY_STEP_S = 0.1  # while the planner may take the last lines of a layer: it shall not run dry where lines wait for the step's end
 CELL_LEAST_MM, CELL_MOST_MM = 0.2, 0.5
 CELLS_PER_TOLERANCE = 2.0
-OFFSET_TOLERANCE = 1e-3  # mm or deg
 
 Progress = Callable[[float, str], None]
 
@@ -44,6 +48,8 @@ def prove(
     stock: TriangleMesh | None = None,
     cell_mm: float | None = None,
     progress: Progress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    checkpoints: Path | None = None,
 ) -> Proof:
     """Run the Program in the twin and measure what stands on the table.
 
@@ -52,12 +58,22 @@ def prove(
         grown by the Program's stock_allowance_mm sideways and upwards. A Program that is milled from a given stock does not pass without it.
     cell_mm : grid of the stock; default: twice the tolerance, between 0.2 and 0.5 mm (surfaces are resolved to a fraction of it)
     progress : called with the share of lines executed (0 to 1) and a word
+    cancelled : asked after every step of time; once it says yes, the proof raises ProofCancelled
+    checkpoints : folder for states at the begins of layers, made if need be. A Program that was edited goes on from the last layer
+        before the edit. What is there is to be trusted like a proof.
 
-    The same Program, cell and mesh give the same Proof, byte for byte.
+    The same Program, cell and mesh give the same Proof, byte for byte, with or without checkpoints.
+    Raises ProofCancelled; OSError when the folder of checkpoints cannot be made.
     """
     run = DryRun(program, cell, mesh, material or load_material(program.material), stock, cell_mm)
-    run.execute(progress)
+    if checkpoints is not None:
+        run.resume(Checkpoints(checkpoints, lambda line: progress(0.0, line) if progress is not None else None), mesh, stock)
+    run.execute(progress, cancelled)
     return run.conclude()
+
+
+class ProofCancelled(Exception):
+    """The run was given up because its caller said so; says how far it came."""
 
 
 class DryRun:
@@ -76,14 +92,22 @@ class DryRun:
             clamp_mesh(self.stock, stock, program.build_from_part)
         elif program.process == "mill" and program.stock_allowance_mm is not None:
             clamp_block(self.stock, self.target.bounds, program.stock_allowance_mm)
-        devices = {role: load_device(link.device) for role, link in cell.links.items()}
-        self.world = World(cell, devices, metal=self.metal, dead_man=False)
-        self.controller = IdealController(program, self.world)
+        if program.process != "deposit":
+            self.stock.guard(self.target)
+        self.metal.layer_of_line = np.concatenate((np.zeros(1), program.table["layer"])).astype(np.int16)
+        self.devices = {role: load_device(link.device) for role, link in cell.links.items()}
+        self.world = World(cell, self.devices, metal=self.metal, dead_man=False)
+        self.controller = IdealController(program, self.world, layer_begins(program))
         self.world.cnc.supply = self.controller.supply
-        self.findings = Findings(program)
-        self._is_rapid = rapid_lines(program)
-        self._standing_s = 0.0
-        self._emitted_mm = 0.0
+        self.before, self.findings = Findings(program), Findings(program)  # seen without a run; seen in the run
+        self.resumed_at = 0
+        self._checkpoints: Checkpoints | None = None
+        self._places: dict[int, Place] = {}
+        build_from_table = inverse(program.machine_from_build)
+        self.watch = Watch(program, cell, self.material, build_from_table, self.findings)
+        gouge_mm = thresholds_of(program, cell, material)["gouge_mm"]
+        machine = Machine(cell, self.world.chain, build_from_table)
+        self.contacts = Contacts(machine, self.metal, self.target, self.watch, self.findings, gouge_mm, cell.proof.clearance_mm)
 
     def _bounds(self, stock: TriangleMesh | None) -> Array:
         """(2, 3) float, mm   Box of the part and of what it is cut from, build frame."""
@@ -96,124 +120,166 @@ class DryRun:
             low, high = low - [grow, grow, 0.0], high + grow
         return np.array([low, high])
 
-    def execute(self, progress: Progress | None = None) -> None:
-        """Run all lines; stops early at an error or alarm of the firmware."""
-        self._check_before()
+    @property
+    def found(self) -> tuple[Finding, ...]:
+        """All findings so far."""
+        return self.before.all() + self.findings.all()
+
+    def resume(self, checkpoints: Checkpoints, mesh: TriangleMesh, stock: TriangleMesh | None) -> None:
+        """Keep the state at each layer's begin from now on, and go on from the latest that was kept of the same beginning."""
+        program = self.program
+        prefix = Prefix(facts_of_run(program, self.cell, self.devices, self.material, mesh, stock, self.stock.cell_mm))
+        places = prefix.places(tuple(program.lines), program.table, program.schedule, layer_begins(program))
+        self._checkpoints, self._places = checkpoints, {place.line: place for place in places}
+        fresh = self._tree()
+        for place, tree in checkpoints.latest(places):
+            try:
+                self._restore(tree)
+            except DAMAGED:
+                self._restore(fresh)
+                checkpoints.say(f"checkpoint of layer {place.layer} does not fit and is not used")
+                continue
+            self.resumed_at = place.line
+            return
+
+    def _tree(self) -> dict[str, Any]:
+        """Everything that the run carries from step to step."""
+        return {
+            "world": freeze(self.world), "controller": self.controller.state(), "watch": self.watch.state(), "findings": self.findings.state(),
+            "metal": self.metal.snapshot(), "contacts": self.contacts.state(),
+        }  # fmt: skip
+
+    def _restore(self, tree: dict[str, Any]) -> None:
+        thaw(tree["world"], self.world)
+        self.controller.restore(tree["controller"])
+        self.watch.restore(tree["watch"])
+        self.findings.restore(tree["findings"])
+        self.metal.restore(tree["metal"])
+        self.contacts.restore(tree["contacts"])
+
+    def _at_boundary(self) -> None:
+        """All before a layer is sent and nothing of it: the state depends on what is before."""
+        place = self._places.get(self.controller.boundary)
+        self.controller.pass_boundary()
+        if place is not None and self._checkpoints is not None and not self.findings.is_fatal:
+            self._checkpoints.keep(place, self._tree())
+
+    def execute(self, progress: Progress | None = None, cancelled: Callable[[], bool] | None = None) -> None:
+        """Run all lines; stops early at an error or alarm of the firmware. Raises ProofCancelled."""
+        check(self.program, self.cell, self.world.cnc.build.line_length_max, self.before)
+        if not self._has_stock:
+            self.before.add("no stock", "the Program mills a given stock: the proof needs its mesh", 0, fatal=True)
         total = len(self.program.lines)
         said = -1
-        while not self.controller.is_done and not self.findings.is_fatal:
-            self.world.step(self._step_s())
-            self._watch()
-            for text in self.world.cnc.transmit().decode("latin-1").splitlines():
-                self.controller.hear(text)
-                self._hear(text)
-            problem = self.controller.step()
-            if problem:
-                self.findings.add("process", problem, self.controller.next_line, fatal=True)
+        while not self.controller.is_done and not self.is_over:
+            if cancelled is not None and cancelled():
+                raise ProofCancelled(f"cancelled at line {self.controller.acknowledged} of {total}")
+            self._step()
             percent = 100 * self.controller.acknowledged // max(1, total)
             if progress is not None and percent != said:
                 said = percent
                 progress(percent / 100.0, f"line {self.controller.acknowledged} of {total}")
         self.metal.finish()
+        self.watch.finish(self.world)
+        self.contacts.finish()
         self._check_after()
+        if self._checkpoints is not None:
+            self._checkpoints.sweep()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether a finding says that the run cannot go on."""
+        return self.before.is_fatal or self.findings.is_fatal
+
+    def _step(self) -> None:
+        """One step of time, and what is seen, heard and done after it."""
+        step_s = self._step_s()
+        self.controller.begin_step(step_s)
+        self.world.step(step_s)
+        self.watch.step(self.world, self.controller, self.metal.laid)
+        self.contacts.step(self.world)
+        for text in self.world.cnc.transmit().decode("latin-1").splitlines():
+            self.controller.hear(text)
+            self._hear(text)
+        if self.controller.at_boundary:
+            self._at_boundary()
+        problem = self.controller.step()
+        if problem:
+            self._fail("process", problem, self.controller.next_line)
 
     def _step_s(self) -> float:
         if self.controller.changes_near:
             return FINE_STEP_S
-        return WAIT_STEP_S if self.controller.is_waiting else STEP_S
-
-    def _check_before(self) -> None:
-        if not self._has_stock:
-            self.findings.add("no stock", "the Program mills a given stock: the proof needs its mesh", 0, fatal=True)
-        offset = np.array([self.cell.placement.work_offset.get(letter, 0.0) for letter in self.cell.letters])
-        if np.abs(offset - self.program.work_offset).max() > OFFSET_TOLERANCE:
-            self.findings.add("work offset", f"the controller's G54 is {offset.tolist()}, the Program wants {self.program.work_offset.tolist()}", 0)
-        longest = self.cell.cnc.line_length_max
-        for index, line in enumerate(self.program.lines):
-            if len(line) > longest:
-                self.findings.add("line length", f"{len(line)} characters, the firmware takes {longest}", index + 1)
+        if self.controller.is_waiting:
+            return WAIT_STEP_S
+        return BOUNDARY_STEP_S if self.controller.boundary_near else STEP_S
 
     def _check_after(self) -> None:
         deposits = self.program.process in ("hybrid", "deposit")
-        if deposits and not self.findings.is_fatal and self._emitted_mm <= 0.0:
+        if deposits and not self.is_over and self.watch.emitted_mm <= 0.0:
             self.findings.add("no emission", "the Program deposits, but the laser was never on", 0)
+
+    def _fail(self, kind: str, text: str, line: int, help: str = "") -> None:
+        """A finding that ends the run, where the tip stands."""
+        self.findings.add(kind, text, line, fatal=True, at_mm=self.watch.place(self.world.tip_position), help=help)
 
     def _hear(self, text: str) -> None:
         """Answers of the firmware that are no `ok`."""
-        if text.startswith(("error:", "ALARM:")):
-            line = self.controller.acknowledged if text.startswith("error:") else max(1, self.controller.executing)
-            shown = self.program.lines[line - 1] if 0 < line <= len(self.program.lines) else ""
-            self.findings.add("firmware", f"{text} at `{shown}`", line, fatal=True)
-
-    def _watch(self) -> None:
-        """Look at the last step: what the laser, the powder and the cutter did where."""
-        trace = self.world.trace
-        for line, depth in self.metal.engaged:
-            if 0 < line <= len(self._is_rapid) and self._is_rapid[line - 1]:
-                self.findings.add("rapid in metal", f"the cutter goes {depth:.2f} mm deep into metal at rapid speed", line)
-            elif self.world.cnc.machine.spindle_rpm == 0.0:
-                self.findings.add("spindle off", f"the cutter meets metal {depth:.2f} mm deep with the spindle standing", line)
-        lit = trace.emission_w > LOW_EMISSION_W
-        if not lit.any():
-            self._standing_s = 0.0
+        word, _, number = text.partition(":")
+        if word not in ("error", "ALARM"):
             return
-        step = np.linalg.norm(trace.tip1 - trace.tip0, axis=1)
-        line = int(trace.line[lit][0])
-        self._emitted_mm += float(step[lit].sum())
-        standing = float(trace.dt[lit & (step < 1e-6)].sum())
-        self._standing_s = self._standing_s + standing if standing else 0.0
-        if self._standing_s > STANDSTILL_S:
-            self.findings.add("standstill", "the laser is on while the tip stands", line)
-        wanted = self.controller.powder_setpoint
-        beads = lit & (trace.emission_w >= self.material.bead.min_power_w)
-        if beads.any() and float(trace.powder_g_min[beads].min()) < STARVED_SHARE * wanted:
-            self.findings.add("starved", f"powder {float(trace.powder_g_min[beads].min()):.1f} of {wanted:.1f} g/min while the laser is on", line)
-        if not trace.head_deployed:
-            self.findings.add("head parked", "the laser is on with the deposition head parked", line)
-        kinds = self.program.table["kind"]
-        known = trace.line[lit & (step > 1e-6) & (trace.line > 0) & (trace.line <= len(kinds))]
-        stray = known[kinds[known - 1] != facts.PROCESS_LINE]
-        if len(stray) > 1 or (len(stray) == 1 and float(trace.dt[lit].sum()) > STANDSTILL_S):
-            self._stray(stray, trace.emission_w[lit].max())
+        machine = self.world.cnc.machine
+        line = self.controller.acknowledged if word == "error" else max(1, self.controller.executing)
+        if word == "ALARM" and machine.refused_target:
+            self._tell_travel()
+            return
+        shown = self.program.lines[line - 1] if 0 < line <= len(self.program.lines) else ""
+        meaning, remedy = explain(word, int(number))
+        self._fail("firmware", f"{text} ({meaning}) at `{shown}`", line, help=remedy)
 
-    def _stray(self, lines: NDArray[np.int64], power: float) -> None:
-        """Light on a line that deposits nothing, beyond the laser's own ramp."""
-        ramp = 5.0 * self.cell.simulation.laser_ramp_s
-        duration = float(self.world.trace.dt[np.isin(self.world.trace.line, lines) & (self.world.trace.emission_w > 0.1 * power)].sum())
-        if duration > ramp + FINE_STEP_S:
-            self.findings.add("stray light", f"the laser is on for {duration * 1e3:.0f} ms on a line that deposits nothing", int(lines[0]))
+    def _tell_travel(self) -> None:
+        """The firmware refuses a target beyond the travel: name this one and all others of the text."""
+        for found in targets_beyond_travel(self.program.lines, self.cell):
+            tip = self.world.chain.tip_in_table(np.array([found.target]), found.tool)[0]
+            depth = abs(found.by) if found.axis.kind == "linear" else 0.0
+            self.findings.add(
+                "travel", found.text, found.line, fatal=True, at_mm=self.watch.place(tip), depth_mm=depth, rank=abs(found.by)
+            )
 
     def conclude(self) -> Proof:
         """Measure, judge and draw."""
-        deviation = compare(self.stock, self.target)
-        duration = self.world.time_s
-        findings = self.findings.all()
-        passed, reasons = verdict(self.program, self.material, deviation, findings)
-        drawn = picture(self.stock, self.target, deviation, self.program.tolerance_mm, self.program.part_name)
+        program, tolerance_mm = self.program, self.program.tolerance_mm
+        measured = measure(self.stock, self.target, self.watch.layer_paths(), tolerance_mm=tolerance_mm)
+        findings = self.found
+        thresholds = thresholds_of(program, self.cell, self.material)
+        passed, reasons = verdict(measured.whole, measured.milled, findings, thresholds)
+        clearance = self.contacts.clearance_mm
         return Proof(
             passed=passed,
-            program_sha256=program_digest(self.program),
+            program_sha256=program_digest(program),
             reasons=reasons,
             findings=findings,
-            deviation=deviation,
-            tolerance_mm=self.program.tolerance_mm,
-            allowed_mm=round(allowed_deviation_mm(self.program, self.material), 4),
-            duration_s=round(duration, 3),
-            lines=len(self.program.lines),
+            deviation=measured.whole,
+            tolerance_mm=tolerance_mm,
+            allowed_mm=round(thresholds["allowed_mm"], 4),
+            duration_s=round(self.world.time_s, 3),
+            lines=len(program.lines),
             lines_executed=self.controller.acknowledged,
             deposited_mm3=round(self.stock.deposited_mm3, 1),
             lost_powder_mm3=round(self.stock.lost_powder_mm3, 1),
-            picture=drawn,
+            picture=picture(self.stock, self.target, measured.whole, tolerance_mm, program.part_name, measured.built),
+            removed_mm3=round(self.stock.removed_mm3, 1),
+            clearance_mm=None if clearance is None else round(clearance, 4),
+            thresholds=thresholds,
+            layers=measured.layers,
+            milled=measured.milled,
+            histogram=measured.histogram,
+            timeline=self.watch.timeline(),
+            built=measured.built,
         )
 
 
-def rapid_lines(program: Job) -> NDArray[np.bool_]:
-    """Which lines move at rapid speed: G0 is modal. -> (lines,) bool"""
-    rapid = np.zeros(len(program.lines), dtype=bool)
-    is_rapid = False
-    pattern = re.compile(r"G0*([0123])(?![0-9.])")
-    for index, line in enumerate(program.lines):
-        for match in pattern.finditer(line):
-            is_rapid = match.group(1) == "0"
-        rapid[index] = is_rapid
-    return rapid
+def layer_begins(program: Job) -> list[int]:
+    """N-words of the lines that begin a layer after the first: the first line of each greater layer number."""
+    layer = np.maximum.accumulate(program.table["layer"].astype(np.int64))
+    return [int(index) + 2 for index in np.flatnonzero(np.diff(layer) > 0) if layer[index] >= 0]

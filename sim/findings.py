@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from sim.job import Job
 from sim.remedies import HELP
@@ -47,24 +47,39 @@ class Findings:
     def __init__(self, program: Job) -> None:
         self._table = program.table
         self._found: dict[tuple[str, int], Finding] = {}
+        self._rank: dict[tuple[str, int], float] = {}
         self.is_fatal = False
 
     def add(
         self, kind: str, text: str, line: int, fatal: bool = False, *, at_mm: Place | None = None, depth_mm: float = 0.0,
-        severity: Severity = "error", help: str = "", count: int = 1,
+        severity: Severity = "error", help: str = "", rank: float | None = None,
     ) -> None:  # fmt: skip
-        """Note one finding at a line. Of one kind in one operation the deepest stands, the first of equals."""
+        """Note one finding at a line. Of one kind in one operation the one with the greatest rank (default: depth) stands, the first of equals."""
         known = 0 < line <= len(self._table)
         row = self._table[line - 1] if known else None
         layer, operation = (int(row["layer"]), int(row["operation"])) if row is not None else (-1, -1)
         key = (kind, operation)
-        new = Finding(kind, text, line, layer, operation, count, severity, at_mm, depth_mm, help or HELP.get(kind, ""), line)
+        rank = depth_mm if rank is None else rank
+        new = Finding(kind, text, line, layer, operation, 1, severity, at_mm, depth_mm, help or HELP.get(kind, ""), line)
         old = self._found.get(key)
         if old is not None:
-            worse = new if depth_mm > old.depth_mm else old
-            new = replace(worse, count=old.count + count, first_line=old.first_line, severity=_graver(old.severity, severity))
-        self._found[key] = new
+            worse = new if rank > self._rank[key] else old
+            new = replace(worse, count=old.count + 1, first_line=old.first_line, severity=_graver(old.severity, severity))
+            rank = max(rank, self._rank[key])
+        self._found[key], self._rank[key] = new, rank
         self.is_fatal |= fatal
+
+    def state(self) -> list[Any]:
+        """What was found so far, as plain data: fields of each Finding and its rank."""
+        return [[asdict(finding), self._rank[key]] for key, finding in self._found.items()]
+
+    def restore(self, state: list[Any]) -> None:
+        """Go back to a state. Raises TypeError when it does not fit."""
+        self._found, self._rank = {}, {}
+        for plain, rank in state:
+            finding = Finding(**{**plain, "at_mm": None if plain["at_mm"] is None else tuple(plain["at_mm"])})
+            key = (finding.kind, finding.operation)
+            self._found[key], self._rank[key] = finding, float(rank)
 
     def all(self) -> tuple[Finding, ...]:
         """In the order in which they were first seen."""

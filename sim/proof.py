@@ -6,17 +6,17 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from config import Material
-from sim.compare import Deviation
+from config import Cell, Material
+from sim.deviation import Deviation, Histogram, LayerDeviation
 from sim.findings import Finding
 from sim.job import Job
 from sim.process.melt import bead_section
 from sim.timeline import Timeline
+from sim.watch import SLOW_SHARE, SLOW_SPOTS
 
 MISSING_SHARE = 0.005  # of the part's volume: what a polisher would not notice, and a lost bead exceeds
 PROOF_SCHEMA = 2
@@ -48,9 +48,9 @@ class Proof:
     removed_mm3: float = 0.0
     clearance_mm: float | None = None
     thresholds: Mapping[str, float] = field(default_factory=dict)
-    layers: tuple[Any, ...] = ()
+    layers: tuple[LayerDeviation, ...] = ()
     milled: Deviation | None = None
-    histogram: Any = None
+    histogram: Histogram | None = None
     timeline: Timeline = field(repr=False, default_factory=Timeline.empty)
     built: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]] | None = field(repr=False, default=None)
 
@@ -66,7 +66,7 @@ class Proof:
             "deviation": self.deviation.as_dict(),
             "tolerance_mm": self.tolerance_mm,
             "allowed_mm": self.allowed_mm,
-            "allowed_missing_share": MISSING_SHARE,
+            "allowed_missing_share": self.thresholds.get("missing_share", MISSING_SHARE),
             "duration_s": self.duration_s,
             "lines": self.lines,
             "lines_executed": self.lines_executed,
@@ -75,6 +75,9 @@ class Proof:
             "removed_mm3": self.removed_mm3,
             "clearance_mm": self.clearance_mm,
             "thresholds": dict(self.thresholds),
+            "layers": [layer.as_dict() for layer in self.layers],
+            "milled": None if self.milled is None else self.milled.as_dict(),
+            "histogram": None if self.histogram is None else self.histogram.as_dict(),
         }
 
     def to_json(self) -> str:
@@ -89,9 +92,9 @@ def program_digest(program: Job) -> str:
     return digest.hexdigest()
 
 
-def is_within(deviation: Deviation, allowed_mm: float) -> bool:
-    """Whether the surface keeps to its bound and no more than MISSING_SHARE of the part is missing."""
-    return deviation.p99_mm <= allowed_mm and deviation.missing_mm3 <= MISSING_SHARE * deviation.part_mm3
+def is_within(deviation: Deviation, allowed_mm: float, missing_share: float = MISSING_SHARE) -> bool:
+    """Whether the surface keeps to its bound and no more than that share of the part is missing."""
+    return deviation.p99_mm <= allowed_mm and deviation.missing_mm3 <= missing_share * deviation.part_mm3
 
 
 def allowed_deviation_mm(program: Job, material: Material) -> float:
@@ -103,13 +106,34 @@ def allowed_deviation_mm(program: Job, material: Material) -> float:
     return program.tolerance_mm + bead.height_mm
 
 
-def verdict(program: Job, material: Material, deviation: Deviation, findings: tuple[Finding, ...]) -> tuple[bool, tuple[str, ...]]:
-    """Whether the Program may run, and if not, why: one line each."""
+def thresholds_of(program: Job, cell: Cell, material: Material) -> dict[str, float]:
+    """What a Program is judged by: limits of the cell's facts, the job's tolerance, and what a slow bead is."""
+    limits = cell.proof
+    return {
+        "allowed_mm": allowed_deviation_mm(program, material),
+        "tolerance_mm": program.tolerance_mm,
+        "missing_share": limits.missing_share,
+        "gouge_mm": program.tolerance_mm if limits.gouge_mm is None else limits.gouge_mm,
+        "clearance_mm": limits.clearance_mm,
+        "starved_share": limits.starved_share,
+        "standstill_s": limits.standstill_s,
+        "stray_s": limits.stray_s,
+        "slow_share": SLOW_SHARE,
+        "slow_mm": SLOW_SPOTS * max(tool.diameter_mm for tool in cell.tools if tool.kind == "deposition"),
+    }
+
+
+def verdict(
+    whole: Deviation, milled: Deviation | None, findings: tuple[Finding, ...], thresholds: Mapping[str, float]
+) -> tuple[bool, tuple[str, ...]]:
+    """Whether the Program may run, and if not, why: one line each. thresholds : of `thresholds_of`"""
     reasons = [f"{f.kind}: {f.text}" + (f" (line N{f.line}, layer {f.layer})" if f.line else "") for f in findings if f.severity == "error"]
-    allowed = allowed_deviation_mm(program, material)
-    if deviation.p99_mm > allowed:
-        reasons.append(f"surface: 99 % lies within {deviation.p99_mm:.3f} mm, allowed {allowed:.3f} mm")
-    if deviation.missing_mm3 > MISSING_SHARE * deviation.part_mm3:
-        share = 100.0 * deviation.missing_mm3 / deviation.part_mm3
-        reasons.append(f"missing metal: {deviation.missing_mm3:.1f} mm3 ({share:.2f} % of the part), allowed {100 * MISSING_SHARE:.1f} %")
+    allowed, share = thresholds["allowed_mm"], thresholds["missing_share"]
+    if whole.p99_mm > allowed:
+        reasons.append(f"surface: 99 % lies within {whole.p99_mm:.3f} mm, allowed {allowed:.3f} mm")
+    if milled is not None and milled.p99_mm > allowed:
+        reasons.append(f"milled surface: 99 % lies within {milled.p99_mm:.3f} mm, allowed {allowed:.3f} mm")
+    if whole.missing_mm3 > share * whole.part_mm3:
+        missing = 100.0 * whole.missing_mm3 / whole.part_mm3
+        reasons.append(f"missing metal: {whole.missing_mm3:.1f} mm3 ({missing:.2f} % of the part), allowed {100 * share:.1f} %")
     return not reasons, tuple(reasons)

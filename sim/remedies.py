@@ -62,3 +62,9 @@ ALARMS = {
     codes.ALARM_ESTOP: ("the E-stop is pressed", "Release it and reset."),
     codes.ALARM_HOMING_REQUIRED: ("the machine is not homed", "Home it first."),
 }
+
+
+def explain(word: str, number: int) -> tuple[str, str]:
+    """Meaning and remedy of an answer `error:number` or `ALARM:number`."""
+    known = REFUSALS if word == "error" else ALARMS
+    return known.get(number, ("the firmware's manual has its meaning", HELP["firmware"]))

@@ -2,32 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from sim import job as facts
 from sim.job import Job
+from sim.state import freeze, thaw
 from sim.world import World
 
 NEAR_LINES = 2  # set-points of lines this close to the executing one: time goes in fine steps
 POWDER_TOLERANCE = 0.05  # relative; flow is steady within
 DRY_G_MIN = 0.05
 MACHINE_WAIT_S = 60.0  # a barrier that takes longer will never be passed
+HOLD_MARGIN_S = 0.25  # of motion left in the planner when lines come again: every axis brakes in less
+CHANNEL_NAMES = {
+    facts.MODE: ("mode", ""),
+    facts.LASER_W: ("laser power", " W"),
+    facts.POWDER_G_MIN: ("powder", " g/min"),
+    facts.CARRIER_GAS_L_MIN: ("carrier gas", " L/min"),
+    facts.SHIELD_GAS_L_MIN: ("shield gas", " L/min"),
+    facts.EMISSION: ("emission permit", ""),
+}
+CARRIED = (
+    "_next_event", "_sent", "acknowledged", "_pending", "_waited_s", "_last_time_s", "_purged_s", "_passed", "step_s", "power_setpoint",
+    "powder_setpoint",
+)  # fmt: skip
+MODE_NAMES = {facts.SAFE: "safe", facts.DEPOSIT: "deposit", facts.MILL: "mill"}
 
 
 class IdealController:
     """Streams a Program into a World's firmware in memory.
 
     `supply` is the firmware's source of lines; `hear` takes its answers; `step` carries out what is due and returns a problem or "".
+
+    boundaries : (k,) int, ordered   N-words of lines that begin a layer. No line from there on is sent in the step that comes to one,
+    if the planner has motion enough, so that at the end of that step nothing yet depends on it: `at_boundary`, until `pass_boundary`.
     """
 
-    def __init__(self, program: Job, world: World) -> None:
+    def __init__(self, program: Job, world: World, boundaries: Sequence[int] = ()) -> None:
         self._program, self._world = program, world
         schedule = program.schedule
         is_barrier = schedule["barrier"] == 1
-        self._barriers: dict[int, list[tuple[int, float]]] = {}
+        self._all_barriers: dict[int, list[tuple[int, float]]] = {}
         for row in schedule[is_barrier]:
-            self._barriers.setdefault(int(row["n"]), []).append((int(row["channel"]), float(row["value"])))
+            self._all_barriers.setdefault(int(row["n"]), []).append((int(row["channel"]), float(row["value"])))
+        self._barriers = dict(self._all_barriers)
         self._events = schedule[~is_barrier]
+        self._event_lines: list[int] = self._events["n"].tolist()
         self._next_event = 0
         self._sent = 0
         self.acknowledged = 0
@@ -35,7 +58,10 @@ class IdealController:
         self._waited_s = 0.0
         self._last_time_s = 0.0
         self._purged_s = 0.0
-        self.powder_setpoint = 0.0
+        self._boundaries = tuple(boundaries)
+        self._passed = 0
+        self.step_s = 0.0
+        self.power_setpoint = self.powder_setpoint = 0.0
 
     @property
     def next_line(self) -> int:
@@ -61,19 +87,62 @@ class IdealController:
     @property
     def changes_near(self) -> bool:
         """Whether a set-point is due within the next lines."""
-        if self._next_event >= len(self._events):
+        if self._next_event >= len(self._event_lines):
             return False
-        return int(self._events[self._next_event]["n"]) <= self.executing + NEAR_LINES
+        line = self._event_lines[self._next_event]
+        return line <= self.executing + NEAR_LINES and not 0 < self.boundary <= line
+
+    @property
+    def boundary(self) -> int:
+        """N-word of the next line that begins a layer, 0: none."""
+        return self._boundaries[self._passed] if self._passed < len(self._boundaries) else 0
+
+    @property
+    def boundary_near(self) -> bool:
+        """Whether the planner might take all lines before the next layer in one step."""
+        return 0 < self.boundary <= self.next_line + self._world.cnc.machine.motion.capacity
+
+    @property
+    def at_boundary(self) -> bool:
+        """Whether all lines before the next layer are sent and none of it."""
+        return self.next_line == self.boundary
+
+    def pass_boundary(self) -> None:
+        """Let the lines of the next layer go."""
+        self._passed += 1
+
+    def begin_step(self, step_s: float) -> None:
+        """Say how long the coming step is; boundaries that were run over count as passed."""
+        self.step_s = step_s
+        while 0 < self.boundary < self.next_line:
+            self._passed += 1
 
     def supply(self, free: int) -> bytes:
         """The next line if it fits and no barrier holds it back."""
         if self._sent >= len(self._program.lines) or self.next_line in self._barriers:
+            return b""
+        if self.at_boundary and self._can_hold():
             return b""
         line = self._program.lines[self._sent].encode("ascii") + b"\n"
         if len(line) > free:
             return b""
         self._sent += 1
         return line
+
+    def state(self) -> dict[str, Any]:
+        """How far the Program is carried out, as plain data."""
+        return {name: freeze(getattr(self, name)) for name in CARRIED}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state: barriers before the next line are behind."""
+        for name in CARRIED:
+            setattr(self, name, thaw(state[name]))
+        self._barriers = {line: entries for line, entries in self._all_barriers.items() if line >= self.next_line}
+
+    def _can_hold(self) -> bool:
+        """Whether lines may wait for the end of the step without slowing the machine: it stands for a line, or has motion enough."""
+        machine = self._world.cnc.machine
+        return bool(machine.is_busy or machine.motion.planned_s() >= self.step_s + HOLD_MARGIN_S)
 
     def hear(self, text: str) -> None:
         """One answer of the firmware."""
@@ -100,7 +169,16 @@ class IdealController:
             del self._barriers[self.next_line]
             return ""
         channel, value = self._pending[0]
-        return f"channel {channel} never reached {value:g}" if self._waited_s > MACHINE_WAIT_S else ""
+        return self._complaint(channel, value) if self._waited_s > MACHINE_WAIT_S else ""
+
+    def _complaint(self, channel: int, value: float) -> str:
+        name, unit = CHANNEL_NAMES.get(channel, (f"channel {channel}", ""))
+        wanted = MODE_NAMES.get(int(value), f"{value:g}") if channel == facts.MODE else f"{value:g}{unit}"
+        seen = ""
+        if channel == facts.POWDER_G_MIN:
+            feeder = self._world.feeder
+            seen = f"; {feeder.rate_at_nozzle_g_min:.1f} g/min at the nozzle, hopper {100.0 * feeder.hopper_fraction:.0f} % full"
+        return f"{name} does not reach {wanted} within {MACHINE_WAIT_S:g} s{seen}"
 
     def _is_drained(self) -> bool:
         machine = self._world.cnc.machine
@@ -108,7 +186,7 @@ class IdealController:
 
     def _apply_events(self) -> None:
         current = self.executing if self._world.cnc.machine.motion.count else self.acknowledged
-        while self._next_event < len(self._events) and int(self._events[self._next_event]["n"]) <= current:
+        while self._next_event < len(self._event_lines) and self._event_lines[self._next_event] <= current:
             row = self._events[self._next_event]
             self._set(int(row["channel"]), float(row["value"]))
             self._next_event += 1
@@ -116,6 +194,7 @@ class IdealController:
     def _set(self, channel: int, value: float) -> None:
         laser, feeder = self._world.laser.values, self._world.feeder.values
         if channel == facts.LASER_W:
+            self.power_setpoint = value
             laser["power_setpoint"] = value
         elif channel == facts.EMISSION:
             laser["emission_permit"] = value
@@ -152,7 +231,8 @@ class IdealController:
             if self._program.gate == "stream":
                 laser["emission_permit"] = 1.0
             return world.io.is_deployed
-        laser["enable"] = laser["emission_permit"] = laser["power_setpoint"] = 0.0
+        self._set(facts.LASER_W, 0.0)
+        laser["enable"] = laser["emission_permit"] = 0.0
         self._set(facts.POWDER_G_MIN, 0.0)
         dry = feeder.rate_at_nozzle_g_min <= DRY_G_MIN
         self._purged_s = self._purged_s + elapsed if dry else 0.0

@@ -119,14 +119,16 @@ class Metal:
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """The state of metal, heat and open pieces, to be given to `restore`."""
         own = {"heat": self.heat.copy(), "open_bead": self._bead.copy(), "open_cut": self._cut.copy(), "powder_g": np.array(self.powder_g)}
+        own |= {"last_laid": self._last.copy(), "head": np.array(self._head)}
         return {**self.stock.snapshot(), **own}
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Go back to a snapshot. Raises ValueError when it is of another grid."""
         self.stock.restore(state)
-        for array, name in ((self.heat, "heat"), (self._bead, "open_bead"), (self._cut, "open_cut")):
+        for array, name in ((self.heat, "heat"), (self._bead, "open_bead"), (self._cut, "open_cut"), (self._last, "last_laid")):
             array[:] = state[name]
-        self.powder_g = float(state["powder_g"])  # type: ignore[arg-type]
+        self._head = int(state["head"])
+        self.powder_g = float(state["powder_g"])
 
     def _add(self, trace: Trace, tool: Tool, seconds: float) -> None:
         """Lay down the motion of a deposition head."""

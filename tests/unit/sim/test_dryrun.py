@@ -16,7 +16,7 @@ from planner.mesh.mesh import Mesh
 from planner.program import Channel, LineKind, Program
 from planner.recipe import Recipe
 from sim import prove
-from sim.dryrun import DryRun, rapid_lines
+from sim.dryrun import DryRun
 
 CELL_MM = 0.3
 CELL = load_cell("trunnion_tcp")
@@ -54,7 +54,7 @@ def ran(given: Program, cell: Cell = CELL) -> DryRun:
 
 
 def kinds(run: DryRun) -> set[str]:
-    return {finding.kind for finding in run.findings.all()}
+    return {finding.kind for finding in run.found}
 
 
 def test_block_passes_and_the_same_program_gives_the_same_proof_byte_for_byte() -> None:
@@ -100,7 +100,7 @@ def test_laser_that_stays_on_during_travel_is_found() -> None:
 
 def test_cutting_with_a_standing_spindle_is_found_with_its_line() -> None:
     run = ran(with_lines(lambda i, line: bare(i) if "M3" in line.split("N")[-1].replace("M3P", "") and "S" in line else line))
-    found = next(finding for finding in run.findings.all() if finding.kind == "spindle off")
+    found = next(finding for finding in run.found if finding.kind == "spindle off")
     assert program().table["kind"][found.line - 1] in (LineKind.PROCESS, LineKind.LINK)
     assert found.operation >= 0
 
@@ -122,14 +122,14 @@ def test_layer_that_is_left_out_is_missing_metal() -> None:
 
 def test_line_that_the_firmware_refuses_ends_the_run_with_its_text() -> None:
     run = ran(with_lines(lambda i, line: f"N{i + 1} G1 X1 X2" if i == 20 else line))
-    found = next(finding for finding in run.findings.all() if finding.kind == "firmware")
+    found = next(finding for finding in run.found if finding.kind == "firmware")
     assert found.line == 21
     assert "X1 X2" in found.text
 
 
 def test_line_longer_than_the_firmware_takes_is_found() -> None:
     run = ran(with_lines(lambda i, line: line + "(" + "x" * 300 + ")" if i == 5 else line))
-    assert any(finding.kind == "line length" and finding.line == 6 for finding in run.findings.all())
+    assert any(finding.kind == "line length" and finding.line == 6 for finding in run.found)
 
 
 def test_milling_starts_from_the_box_that_the_planner_assumes() -> None:
@@ -157,6 +157,3 @@ def test_metal_is_the_same_whatever_the_step_of_time(monkeypatch: pytest.MonkeyP
     assert coarse.stock.volume_mm3() == pytest.approx(fine.stock.volume_mm3(), rel=1e-3)
 
 
-def test_rapid_is_modal() -> None:
-    lines = ("N1 G0 X1", "N2 Y2", "N3 G1 Z1 F5", "N4 X3", "N5 G00 X1", "N6 G04 P1")
-    assert rapid_lines(replace(program(), lines=lines)).tolist() == [True, True, False, False, True, True]

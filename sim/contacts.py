@@ -1,0 +1,108 @@
+"""What met what in a run: bodies of the machine with each other and with the metal, cutters with metal and with the part behind it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.findings import Findings, Place
+from sim.machine import Machine
+from sim.process.metal import Engagement, Metal
+from sim.process.target import Target
+from sim.watch import Watch
+from sim.world import World
+
+Floats = NDArray[np.float64]
+
+GONE_CELLS = 0.5  # a place is in metal for certain where the surface is farther above it than this
+CUT_COLUMNS = 6  # line, depth below the part's surface, place, tool
+
+
+class Contacts:
+    """Looks at each step after its metal was added and cut.
+
+    gouge_mm : how deep a cut may go below the part's surface. A layer that is faced before the next one is laid is cut below it too:
+        what counts is what still lacks metal at the end.
+    clearance_mm : a warning where bodies come nearer without touching
+    """
+
+    def __init__(
+        self, machine: Machine, metal: Metal, target: Target, watch: Watch, findings: Findings, gouge_mm: float, clearance_mm: float
+    ) -> None:  # fmt: skip
+        self._machine, self._metal, self._target, self._watch, self._findings = machine, metal, target, watch, findings
+        self._gouge_mm, self._limit_mm = gouge_mm, clearance_mm
+        self._deep: list[Floats] = []
+
+    @property
+    def clearance_mm(self) -> float | None:
+        """Least gap between bodies that must not touch, mm; None when the cell states no bodies."""
+        return self._machine.clearance_mm if self._machine.is_drawn else None
+
+    def step(self, world: World) -> None:
+        """Look at the last step of the World."""
+        for cut in self._metal.engaged:
+            self._note_cut(cut)
+        for hit in self._machine.check(world.trace, self._metal.stock, world.io.slide):
+            text = f"{hit.moving} goes {hit.depth_mm:.2f} mm into {hit.other}"
+            self._findings.add("collision", text, hit.line, at_mm=_place(hit.at_mm), depth_mm=hit.depth_mm)
+
+    def _note_cut(self, cut: Engagement) -> None:
+        depth, at = cut.depth_mm, _place(cut.at_mm)
+        if depth > 0.0 and self._watch.is_rapid(cut.line):
+            text = f"T{cut.tool} goes {depth:.2f} mm deep into metal at rapid speed"
+            self._findings.add("rapid in metal", text, cut.line, at_mm=at, depth_mm=depth)
+        if depth > 0.0 and self._watch.spindle_rpm(cut.line) == 0.0:
+            text = f"T{cut.tool} meets metal {depth:.2f} mm deep with the spindle standing"
+            self._findings.add("spindle off", text, cut.line, at_mm=at, depth_mm=depth)
+        if cut.gouge_mm > self._gouge_mm:
+            self._deep.append(np.array([[cut.line, cut.gouge_mm, *cut.at_mm, cut.tool]]))
+
+    def finish(self) -> None:
+        """The last cuts, the gouges that stayed, and how near bodies came."""
+        for cut in self._metal.engaged:
+            self._note_cut(cut)
+        for line, depth, x, y, z, tool in self._gouges().tolist():
+            text = f"T{int(tool)} cuts {depth:.2f} mm below the part's surface, allowed {self._gouge_mm:g} mm"
+            self._findings.add("gouge", text, int(line), at_mm=(x, y, z), depth_mm=depth)
+        near = self._machine.nearest
+        if near is not None and 0.0 < near.gap_mm < self._limit_mm:
+            text = f"{near.moving} comes within {near.gap_mm:.2f} mm of {near.other}, less than {self._limit_mm:g} mm"
+            self._findings.add("clearance", text, near.line, at_mm=_place(near.at_mm), severity="warning")
+
+    def _gouges(self) -> Floats:
+        """Cuts below the part's surface where metal is missing at the end, with their places moved below that surface."""
+        stock = self._metal.stock
+        gone_mm = GONE_CELLS * stock.cell_mm
+        deep = self._cuts()
+        deep = deep[stock.distance(deep[:, 2:5]) > -gone_mm] if len(deep) else deep
+        if not len(deep):
+            return deep
+        places = deep[:, 2:5]
+        normal = np.empty_like(places)
+        for d in range(3):
+            step = np.zeros(3)
+            step[d] = gone_mm
+            normal[:, d] = self._target.signed_distance(places + step) - self._target.signed_distance(places - step)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+        deep[:, 2:5] = places - normal * (self._target.signed_distance(places) + 0.5 * deep[:, 1])[:, None]  # halfway down the gouge
+        missing: Floats = deep[stock.distance(deep[:, 2:5]) > 0.0]
+        return missing
+
+    def state(self) -> dict[str, Any]:
+        """What is carried on from step to step."""
+        return {"deep": self._cuts(), "machine": self._machine.snapshot()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a state. Raises KeyError or ValueError when it does not fit."""
+        self._deep = [np.array(state["deep"])]
+        self._machine.restore(state["machine"])
+
+    def _cuts(self) -> Floats:
+        return np.concatenate(self._deep) if self._deep else np.zeros((0, CUT_COLUMNS))
+
+
+def _place(point: Floats) -> Place:
+    x, y, z = point.tolist()
+    return x, y, z
