@@ -178,7 +178,7 @@ def by_move(rows: Array, laid: Array, emission_w: Array, least_w: float, last: A
 def goes_on(end: Array, axis0: Array, start: Array, axis: Array) -> bool:
     """Whether motion from `start` joins a piece that ends at `end` without a turn of the axis."""
     gap = max(abs(start[0] - end[0]), abs(start[1] - end[1]), abs(start[2] - end[2]))
-    return gap < JOINED_MM and axis[0] * axis0[0] + axis[1] * axis0[1] + axis[2] * axis0[2] > AXIS_TURN_COS
+    return bool(gap < JOINED_MM and axis[0] * axis0[0] + axis[1] * axis0[1] + axis[2] * axis0[2] > AXIS_TURN_COS)
 
 
 @njit(cache=True, nogil=True)

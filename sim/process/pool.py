@@ -102,4 +102,4 @@ def level_of(free: Array, count: int, volume_mm: float) -> float:
         level -= step
         if abs(step) < 1e-9:
             break
-    return level
+    return float(level)

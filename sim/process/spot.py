@@ -31,9 +31,9 @@ def surface_on_ray(
         further = at + way * step
         there = distance_at(blocks, x + further * ax, y + further * ay, z + further * az)
         if (there < 0.0) != (value < 0.0):
-            return at + (further - at) * value / (value - there)
+            return float(at + (further - at) * value / (value - there))
         at, value = further, there
-    return -np.inf if way < 0.0 else at
+    return float(-np.inf if way < 0.0 else at)
 
 
 @njit(cache=True, nogil=True)
@@ -56,18 +56,21 @@ def meet(
     left = surface_on_ray(blocks, fx + half * sx, fy + half * sy, fz + half * sz, ax, ay, az)
     front = surface_on_ray(blocks, fx, fy, fz, ax, ay, az)
     right = surface_on_ray(blocks, fx - half * sx, fy - half * sy, fz - half * sz, ax, ay, az)
-    total, found, highest = 0.0, 0, -np.inf
+    total, found, deep, deeper = 0.0, 0, 0.0, 0
     for height in (left, front, right):
-        highest = max(highest, height)
         if abs(height) <= reach:
             total += height
             found += 1
+        elif height > -np.inf:
+            deep += height
+            deeper += 1
     if found == 0:
         under = surface_on_ray(blocks, x, y, z, ax, ay, az)
         if abs(under) <= reach:
             return 0.0, 1.0, 0.0
-        highest = max(highest, under)
-        total, found = highest, 1
+        if deeper == 0:
+            return under, 1.0, under
+        total, found = deep, deeper
     mean = total / found
     plane = mean if abs(mean) > reach else 0.0
     if found < 3 and plane == 0.0:

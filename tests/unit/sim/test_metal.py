@@ -109,7 +109,7 @@ def test_cells_carry_the_layer_that_made_them_and_cutters_the_tool() -> None:
     made = metal()
     made.layer_of_line = np.array([0, 0, 4, 7], dtype=np.int16)
     made.apply(trace(straight(8.0, 3), 0.25, line=2))
-    made.apply(trace(straight(8.0, 3) + [0.0, 6.0, 0.0], 0.25, line=3))
+    made.apply(trace(straight(8.0, 3) + vector(0.0, 6.0, 0.0), 0.25, line=3))
     made.finish()
     tops = np.array([[0.0, y, height(made.stock, 0.0, y, 8.9)] for y in (0.0, 6.0)])
     assert made.stock.marks(tops).tolist() == [5, 8]
@@ -123,7 +123,7 @@ def test_cells_carry_the_layer_that_made_them_and_cutters_the_tool() -> None:
 
 def test_laid_tells_each_piece_of_the_trace() -> None:
     made = metal()
-    made.apply(trace(straight(8.0, 8) + [0.0, 0.0, 1.0], 8.0 / 12.0 / 8.0, np.array([0.0] + 7 * [1200.0])))
+    made.apply(trace(straight(8.0, 8) + vector(0.0, 0.0, 1.0), 8.0 / 12.0 / 8.0, np.array([0.0] + 7 * [1200.0])))
     laid = made.laid
     assert all(column.shape == (8,) for column in laid)
     assert np.isnan(laid.defocus_mm[0]) and not np.isnan(laid.base_k).any()
@@ -133,7 +133,7 @@ def test_laid_tells_each_piece_of_the_trace() -> None:
 
 def test_restored_metal_goes_on_as_if_nothing_had_been() -> None:
     through, back = metal(), metal()
-    first, then = trace(straight(8.0, 5), 0.13), trace(straight(8.0, 5) + [0.0, 1.6, 0.0], 0.13)
+    first, then = trace(straight(8.0, 5), 0.13), trace(straight(8.0, 5) + vector(0.0, 1.6, 0.0), 0.13)
     for made in (through, back):
         made.apply(first)
     state = back.snapshot()

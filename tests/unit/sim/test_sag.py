@@ -57,8 +57,9 @@ def test_wall_that_leans_sixty_degrees_fails_with_the_head_upright() -> None:
     top = (LAYERS - 2) * LAYER
     beyond = np.array([[x, y, z] for x in (-3.0, 0.0, 3.0) for y in np.arange(-2.0, 15.0, 0.25) for z in np.arange(top - LAYER, top, 0.2)])
     assert (stock.distance(beyond) > 0.0).all()
-    fallen = np.array([[x, LAYERS * LAYER * np.tan(np.radians(60.0)), 0.1] for x in (-3.0, 0.0, 3.0)])
-    assert (stock.distance(fallen) < 0.0).all()  # the last tracks lie on the plate beside it
+    y = (LAYERS - 1) * LAYER * np.tan(np.radians(60.0))
+    fallen = np.array([[x, y, 0.1] for x in (-3.0, 0.0, 3.0)])
+    assert (stock.distance(fallen) < 0.0).all()  # the last track lies on the plate beside it
     missing = 2.0 * HALF * BEAD.area_mm2 * LAYERS - stock.deposited_mm3
     assert missing > 0.3 * stock.deposited_mm3
 
