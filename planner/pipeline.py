@@ -62,7 +62,7 @@ def plan(
     say("orient", 0.0)
     settings = Settings.from_recipe(recipe)
     direction, chosen = build_direction(body, recipe)
-    build_from_part = build_frame(body, direction)
+    build_from_part = build_frame(body, direction, recipe.turn_deg)
     part = body.transformed(build_from_part)
     solid, holes, bored = _bored(part, settings)
     say("layers", 0.02)
@@ -151,9 +151,15 @@ def build_direction(mesh: Mesh, recipe: Recipe) -> tuple[Floats, list[str]]:
     return vector / length, []
 
 
-def build_frame(mesh: Mesh, direction: Floats) -> Floats:
-    """(4, 4) float   build_from_part: z along the direction, the box's centre at x = y = 0, its lowest point at z = 0."""
+def build_frame(mesh: Mesh, direction: Floats, turn_deg: float = 0.0) -> Floats:
+    """(4, 4) float   build_from_part: z along the direction, the box's centre at x = y = 0, its lowest point at z = 0.
+
+    turn_deg : counter-clockwise about z.
+    """
     rotation = plane_frame(np.concatenate([np.zeros(3), direction]))[1:]
+    if turn_deg:
+        cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ rotation
     turned = mesh.vertices[np.unique(mesh.facets)] @ rotation.T
     low, high = turned.min(axis=0), turned.max(axis=0)
     build_from_part = np.eye(4)

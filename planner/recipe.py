@@ -27,6 +27,7 @@ class Recipe(Facts):
     layer_rule: Literal["facet", "extruded", "ruled"] = Field("facet", description="thickness of layers: flat facets, Eqs. 15-18 or Eq. 20")
     tolerance_side: Literal["both", "outside", "inside"] = Field("both", description="where the cusp may lie: either side, outside only, inside only")
     build_direction: tuple[Finite, Finite, Finite] | Literal["auto"] = (0.0, 0.0, 1.0)
+    turn_deg: Finite = Field(0.0, ge=-360.0, le=360.0, description="of the part on its plate, about the build direction: past clamps")
     stock: str | None = Field(None, description="process = mill: STL of the stock, in the part frame; none: the bounding box plus allowance")
     layer_height_mm: Positive | None = None
     speed_mm_s: Positive | None = None

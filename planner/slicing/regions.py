@@ -142,7 +142,7 @@ def layer_regions(
     layers: list[LayerRegion] = []
     for i in range(count):
         areas = (shapes[i], shapes[count + i], shapes[2 * count + i])
-        rests = areas[0].area if i == 0 else float(shapely.intersection(areas[0], layers[-1].areas[2]).area)
+        rests = areas[0].area if i == 0 else _shared_mm2(areas[0], layers[-1].areas[2])
         layers.append(
             LayerRegion(
                 index=i,
@@ -159,6 +159,11 @@ def layer_regions(
             )
         )
     return layers
+
+
+def _shared_mm2(first: MultiPolygon, second: MultiPolygon) -> float:
+    """What two regions share, mm².  Sides that nearly coincide are put on a grid: without it the overlay may lose a region."""
+    return float(shapely.intersection(first, second, grid_size=_GRID_MM).area)
 
 
 def _planes(heights: Floats) -> Floats:
