@@ -42,6 +42,10 @@ def prove(
         Path | None, typer.Option("--html", help="Write the report into this file: one page to read, print and sign.")
     ] = None,
     png: Annotated[Path | None, typer.Option("--png", help="Write the picture into this file.")] = None,
+    checkpoints: Annotated[
+        Path | None,
+        typer.Option("--checkpoints", help="Keep states at layers in this folder: an edited program goes on from there."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Run a program in the twin and measure what it builds. Exit 1 if the proof does not pass."""
@@ -51,6 +55,8 @@ def prove(
     from sim.report import html as report_of
 
     targets = [writable(path) for path in (html, png) if path is not None]
+    if checkpoints is not None:
+        _folder(checkpoints)
     facts = load_cell(cell)
     part = load(existing_file(mesh, "mesh file"), checked_units(units))
     with output.progress(quiet=json) as report:
@@ -64,6 +70,7 @@ def prove(
             stock=load(existing_file(raw, "stock's mesh file")) if raw else None,
             cell_mm=cell_mm,
             progress=lambda fraction, word: report(f"proving: {word}", fraction),
+            checkpoints=checkpoints,
         )
         if html is not None:
             report("writing the report", 1.0)
@@ -77,6 +84,14 @@ def prove(
         for path in targets:
             output.line(f"wrote {path}")
     raise typer.Exit(0 if proof.passed else 1)
+
+
+def _folder(path: Path) -> None:
+    """Make a folder, if need be. Raises InputFault."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputFault(f"{path}: no folder can be made there: {error.strerror}", "name another folder") from None
 
 
 def _write(path: Path, data: bytes) -> None:

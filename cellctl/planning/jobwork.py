@@ -153,7 +153,8 @@ class JobWork:
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
                 program = str(self.store.blobs.program(posted.sha256))
-                task = self._task(part, folder, "prove", program=program, stock=stock)
+                checkpoints = str(self.store.blobs.checkpoints)
+                task = self._task(part, folder, "prove", program=program, stock=stock, checkpoints=checkpoints)
                 document = await self.workers.run(task, report)
                 return await asyncio.to_thread(self._keep_proof, folder, document)
 

@@ -132,6 +132,7 @@ def prove(task: Task, report: Report) -> dict[str, Any]:
         mesh,
         stock=stock,
         progress=lambda fraction, word: report(f"proving: {word}", fraction),
+        checkpoints=Path(task.checkpoints) if task.checkpoints else None,
     )
     folder = Path(task.folder)
     text = proof.to_json()

@@ -14,6 +14,7 @@ class Task(msgspec.Struct, frozen=True):
 
     folder : where the result's files go; parent : process that waits for it, the worker ends with it
     mesh, units : the part's file; plan, program : files made before; cell : cell file; stock : mesh of the raw stock
+    checkpoints : folder in which proofs keep their states at layers, so that an edited program is not proven from its begin
     """
 
     kind: Kind
@@ -28,6 +29,7 @@ class Task(msgspec.Struct, frozen=True):
     plan: str = ""
     program: str = ""
     cell: str = ""
+    checkpoints: str = ""
 
 
 class Progress(msgspec.Struct, frozen=True, tag="progress"):

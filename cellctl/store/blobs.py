@@ -23,7 +23,7 @@ class Blobs:
 
     def make_folders(self) -> None:
         """Make what is missing, and remove what an earlier process left unfinished."""
-        for kind in (*KINDS, "staging"):
+        for kind in (*KINDS, "staging", self.checkpoints.name):
             (self.folder / kind).mkdir(parents=True, exist_ok=True)
 
     def clear_staging(self) -> None:
@@ -39,6 +39,11 @@ class Blobs:
             yield path
         finally:
             shutil.rmtree(path, ignore_errors=True)
+
+    @property
+    def checkpoints(self) -> Path:
+        """States of proofs at layers, for all parts: the proofs themselves keep the folder to its size. It may be emptied at any time."""
+        return self.folder / "checkpoints"
 
     def part(self, sha256: str, suffix: str) -> Path:
         """The uploaded file."""
