@@ -77,7 +77,7 @@ def measure(
     base = BASE_CELLS * stock.cell_mm if base_mm is None else base_mm
     samples = _at_samples(stock, target, base)
     vertices, facets = built_mesh(stock, min(base, PICTURE_BASE_CELLS * stock.cell_mm))
-    deviation = target.signed_distance(vertices)
+    deviation = target.surface_distance(vertices, stock.cell_mm)
     bumps = _bumps(stock, vertices, deviation, base, samples)
     wanted = target.field_on(stock.origin, stock.cell_mm, FRACTION_CELLS * stock.cell_mm, stock.field.shape)
     gaps = volume_gaps(stock.field, wanted, 0.0)
@@ -117,15 +117,20 @@ def difference(one: Stock | Field, other: Stock | Field) -> Difference:
 
 
 def _farthest(surface: Triangles, field: Field, other: Triangles) -> float:
-    """Greatest distance of the vertices of one surface from another one and its field, mm; inf when there is nothing to measure to."""
-    if not len(surface[0]):
+    """Greatest distance of the vertices of one surface from another one and its field, mm; inf when there is nothing to measure to.
+
+    Vertices that close the surface beyond the grid's last cells are no surface of the metal.
+    """
+    last = field.origin + field.cell_mm * (np.array(field.shape) - 1)
+    vertices = surface[0][((surface[0] >= field.origin) & (surface[0] <= last)).all(axis=1)]
+    if not len(vertices):
         return 0.0
     if not len(other[0]):
         return float("inf")
-    gap = np.abs(field.distance(surface[0]))
+    gap = np.abs(field.distance(vertices))
     far = gap > FAR_BANDS * field.band_mm
     if far.any():
-        gap[far], _ = cKDTree(other[0]).query(surface[0][far], workers=-1)
+        gap[far], _ = cKDTree(other[0]).query(vertices[far], workers=-1)
     return float(gap.max())
 
 

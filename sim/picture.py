@@ -61,16 +61,45 @@ def rasterise(screen: Array, facets: NDArray[np.int64], value: Array, shade: Arr
     return image
 
 
+@njit(cache=True, nogil=True)
 def vertex_normals(vertices: Array, facets: NDArray[np.int64]) -> Array:
     """Area-weighted unit normals, (n, 3)."""
-    corners = vertices[facets]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, facets[:, corner], cross)
-    length = np.linalg.norm(normals, axis=1)
-    unit: Array = normals / np.maximum(length, 1e-30)[:, None]
-    return unit
+    for f in range(facets.shape[0]):
+        i, j, k = facets[f]
+        ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
+        vx, vy, vz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
+        for corner in (i, j, k):
+            normals[corner, 0] += uy * vz - uz * vy
+            normals[corner, 1] += uz * vx - ux * vz
+            normals[corner, 2] += ux * vy - uy * vx
+    for n in range(normals.shape[0]):
+        length = max(np.sqrt(normals[n, 0] ** 2 + normals[n, 1] ** 2 + normals[n, 2] ** 2), 1e-30)
+        for d in range(3):
+            normals[n, d] /= length
+    return normals
+
+
+@njit(cache=True, nogil=True)
+def paint(drawn: Array, colours: Array, limit: float, matt: float, paper: float) -> Array:
+    """A drawing of `rasterise` (2 h, 2 w, 3), from the bottom up, as an image (h, w, 3) in 0..1 from the top down.
+
+    colours : (n, 3) in 0..1, of values from -limit to +limit   matt : shade above which it is gloss   paper : grey where nothing is drawn
+    """
+    high, wide, steps = drawn.shape[0], drawn.shape[1] // 2, colours.shape[0]
+    image = np.zeros((high // 2, wide, 3))
+    for y in range(high):
+        row = (high - 1 - y) // 2
+        for x in range(2 * wide):
+            if drawn[y, x, 2] == 0.0:
+                for d in range(3):
+                    image[row, x // 2, d] += 0.25 * paper
+                continue
+            place = int(min(max((0.5 + 0.5 * drawn[y, x, 0] / limit) * steps, 0.0), steps - 1.0))
+            shade = min(drawn[y, x, 1], matt)
+            for d in range(3):
+                image[row, x // 2, d] += 0.25 * min(max(colours[place, d] * shade + drawn[y, x, 1] - shade, 0.0), 1.0)
+    return image
 
 
 def render(vertices: Array, facets: NDArray[np.int64], value: Array, azimuth: float, elevation: float, limit: float) -> Array:
@@ -86,13 +115,10 @@ def render(vertices: Array, facets: NDArray[np.int64], value: Array, azimuth: fl
     screen = np.empty_like(frame)
     screen[:, :2] = (frame[:, :2] - 0.5 * (low + high)) * scale + 0.5 * np.array([width, height])
     screen[:, 2] = frame[:, 2]
-    drawn = rasterise(screen, facets, value, shading(vertices, facets, right, up, towards), width, height)[::-1]
-    colours = STEEL(np.clip(0.5 + 0.5 * drawn[..., 0] / limit, 0.0, 1.0))[..., :3]
-    matt = np.minimum(drawn[..., 1:2], AMBIENT + DIFFUSE)
-    lit = colours * matt + np.maximum(drawn[..., 1:2] - matt, 0.0)
-    image = np.where(drawn[..., 2:3] > 0.0, np.clip(lit, 0.0, 1.0), PAPER)
-    halved: Array = image.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
-    return halved
+    drawn = rasterise(screen, facets, value, shading(vertices, facets, right, up, towards), width, height)
+    colours = np.ascontiguousarray(STEEL(np.arange(STEEL.N))[:, :3])
+    image: Array = paint(drawn, colours, limit, AMBIENT + DIFFUSE, PAPER)
+    return image
 
 
 def shading(vertices: Array, facets: NDArray[np.int64], right: Array, up: Array, towards: Array) -> Array:
@@ -114,7 +140,7 @@ def picture(stock: Stock, target: Target, deviation: Deviation, tolerance_mm: fl
     """
     if built is None:
         vertices, facets = built_mesh(stock, PICTURE_BASE_CELLS * stock.cell_mm)
-        built = vertices, facets, target.signed_distance(vertices)
+        built = vertices, facets, target.surface_distance(vertices, stock.cell_mm)
     vertices, facets, value = built
     figure = Figure(figsize=(12.0, 6.6), dpi=110, facecolor=(PAPER,) * 3)
     FigureCanvasAgg(figure)

@@ -58,7 +58,7 @@ class Workshop:
             clamp_block(metal.stock, target.bounds, float(command["box_allowance_mm"]))
         self._metal, self._target, self._name = metal, target, Path(arguments[0]).stem
         self._world.metal = self
-        return {"cells": int(metal.stock.field.size), "cell_mm": cell_mm}
+        return {"cells": int(np.prod(metal.stock.field.shape)), "cell_mm": cell_mm}
 
     def apply(self, trace: Trace) -> None:
         """Take a trace of the world; called in every step."""
@@ -80,6 +80,7 @@ class Workshop:
     async def measure(self, command: dict[str, Any]) -> Answer:
         """Compare as-built with the part and write as_built.stl, .json and .png to "dir" ("name" and "tolerance_mm" of the part).
 
+        "field": true writes as_built.npz as well: the metal itself, for `sim.as_built.read_field`.
         Raises CommandError when no workpiece is clamped.
         """
         if self._metal is None or self._target is None:
@@ -88,7 +89,7 @@ class Workshop:
         folder = Path(str(command.get("dir", ".")))
         loop = asyncio.get_running_loop()
         name, tolerance_mm = str(command.get("name", self._name)), float(command.get("tolerance_mm", self._cell_mm))
-        arguments = self._metal, self._target, folder, name, tolerance_mm
+        arguments = self._metal, self._target, folder, name, tolerance_mm, command.get("field") is True
         figures = await loop.run_in_executor(self._thread, _write, *arguments)
         return {"dir": str(folder), "deviation": figures, "passed": figures["passed"]}
 
@@ -127,10 +128,12 @@ def _prepare(cell: Cell, mesh: str, units: str, build_from_part: Any, material: 
     return metal_for(cell, target.bounds, cell_mm, powder), target
 
 
-def _write(metal: Metal, target: Target, folder: Path, name: str, tolerance_mm: float) -> dict[str, float | bool]:
+def _write(metal: Metal, target: Target, folder: Path, name: str, tolerance_mm: float, with_field: bool) -> dict[str, float | bool]:
     """Measure, and write surface, figures and picture. Raises CommandError when the folder cannot be written."""
     metal.finish()
     try:
+        if with_field:
+            as_built.write_field(metal.stock.field, folder)
         return as_built.write(metal.stock, target, tolerance_mm, folder, name)
     except OSError as error:
         raise CommandError(f"as_built: {folder}: cannot be written: {error.strerror}") from None

@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LEAF_FACETS = 4
+FEW_FACETS = 24  # within reach of a place: so many are tried one by one, more are searched for
 DEEPEST = 64  # of the stack of a search: a tree of halves is never as deep
 FACE, SIDES, CORNERS = 0, 1, 4  # where on a facet the nearest point lies: inside, on side 0..2 (from that corner), at corner 0..2
 
@@ -153,24 +154,34 @@ def to_facet(tree: FacetTree, f: int, x: float, y: float, z: float) -> tuple[flo
 
 
 @njit(cache=True, nogil=True)
-def nearest(tree: FacetTree, stack: Index, x: float, y: float, z: float, start: int) -> tuple[float, int]:
-    """Signed distance of a point, mm, negative inside, and its nearest facet. start : a facet to begin with: a near one saves time."""
+def nearest(tree: FacetTree, stack: Array, x: float, y: float, z: float, start: int) -> tuple[float, int]:
+    """Signed distance of a point, mm, negative inside, and its nearest facet.
+
+    stack : (DEEPEST, 2) float, room to work in   start : a facet to begin with: a near one saves time
+    """
     rx, ry, rz, least, where = to_facet(tree, start, x, y, z)
     best = start
     n = tree.normals
     side = rx * n[best, where, 0] + ry * n[best, where, 1] + rz * n[best, where, 2]
-    stack[0] = 0
+    stack[0, 0], stack[0, 1] = 0.0, 0.0
     height = 1
     while height > 0:
         height -= 1
-        node = stack[height]
-        if box_gap2(tree, node, x, y, z) >= least:
+        if stack[height, 1] >= least:
             continue
+        node = int(stack[height, 0])
         if tree.first[node] < 0:
             left = tree.last[node]
-            near = box_gap2(tree, left, x, y, z) <= box_gap2(tree, left + 1, x, y, z)
-            stack[height], stack[height + 1] = left + near, left + 1 - near
-            height += 2
+            gap, other = box_gap2(tree, left, x, y, z), box_gap2(tree, left + 1, x, y, z)
+            far = left + 1
+            if other < gap:
+                gap, other, far, left = other, gap, left, left + 1
+            if other < least:
+                stack[height, 0], stack[height, 1] = far, other
+                height += 1
+            if gap < least:
+                stack[height, 0], stack[height, 1] = left, gap
+                height += 1
             continue
         for f in range(tree.first[node], tree.last[node]):
             rx, ry, rz, gap, where = to_facet(tree, f, x, y, z)
@@ -184,9 +195,89 @@ def nearest(tree: FacetTree, stack: Index, x: float, y: float, z: float, start: 
 def signed_distances(tree: FacetTree, points: Array) -> tuple[Array, Index]:
     """Signed distance of each point, mm, and its nearest facet. points : (n, 3) float, mm; fastest where neighbours follow each other."""
     distance, facet = np.empty(points.shape[0]), np.empty(points.shape[0], np.int64)
-    stack = np.empty(DEEPEST, np.int64)
+    stack = np.empty((DEEPEST, 2))
     best = 0
     for p in range(points.shape[0]):
         distance[p], best = nearest(tree, stack, points[p, 0], points[p, 1], points[p, 2], best)
         facet[p] = tree.order[best]
     return distance, facet
+
+
+@njit(cache=True, nogil=True)
+def facets_within(tree: FacetTree, stack: Array, x: float, y: float, z: float, reach: float, few: Index, boxes: Array) -> int:
+    """Facets that come nearer to a point than `reach`, into `few` (FEW_FACETS,), and their boxes; how many, FEW_FACETS + 1 when they do not fit."""
+    count = 0
+    stack[0, 0] = 0.0
+    height = 1
+    while height > 0:
+        height -= 1
+        node = int(stack[height, 0])
+        if box_gap2(tree, node, x, y, z) > reach * reach:
+            continue
+        if tree.first[node] < 0:
+            stack[height, 0], stack[height + 1, 0] = tree.last[node], tree.last[node] + 1
+            height += 2
+            continue
+        for f in range(tree.first[node], tree.last[node]):
+            if to_facet(tree, f, x, y, z)[3] <= reach * reach:
+                if count == few.shape[0]:
+                    return count + 1
+                few[count] = f
+                for d in range(3):
+                    p, q, r = tree.corners[f, 0, d], tree.corners[f, 1, d], tree.corners[f, 2, d]
+                    boxes[count, d], boxes[count, 3 + d] = min(p, q, r), max(p, q, r)
+                count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def nearest_of(tree: FacetTree, few: Index, boxes: Array, count: int, x: float, y: float, z: float, band: float) -> float:
+    """Signed distance to the nearest of a few facets, mm; the band when none is nearer. The nearest one becomes the first.
+
+    boxes : (count, 6) float, mm   Box of each facet.
+    """
+    least, side, best = band * band, 1.0, 0
+    n, c = tree.normals, tree.corners
+    for m in range(count):
+        gx = max(boxes[m, 0] - x, x - boxes[m, 3], 0.0)
+        gy = max(boxes[m, 1] - y, y - boxes[m, 4], 0.0)
+        gz = max(boxes[m, 2] - z, z - boxes[m, 5], 0.0)
+        if gx * gx + gy * gy + gz * gz >= least:
+            continue
+        f = few[m]
+        rise = (x - c[f, 0, 0]) * n[f, 0, 0] + (y - c[f, 0, 1]) * n[f, 0, 1] + (z - c[f, 0, 2]) * n[f, 0, 2]
+        if rise * rise >= least:
+            continue
+        rx, ry, rz, gap, where = to_facet(tree, f, x, y, z)
+        if gap < least:
+            least, best = gap, m
+            side = rx * n[f, where, 0] + ry * n[f, where, 1] + rz * n[f, where, 2]
+    if best > 0:
+        few[0], few[best] = few[best], few[0]
+        for d in range(6):
+            boxes[0, d], boxes[best, d] = boxes[best, d], boxes[0, d]
+    return -np.sqrt(least) if side < 0.0 else np.sqrt(least)
+
+
+@njit(cache=True, nogil=True)
+def close_distances(tree: FacetTree, points: Array, ball: float) -> Array:
+    """Signed distance of each point, mm, where most points lie within `ball` mm of those before them: the facets that matter are kept.
+
+    points : (n, 3) float, mm. As exact as `signed_distances`, several times faster on the vertices of a surface near the mesh.
+    """
+    distance = np.empty(points.shape[0])
+    stack, few, boxes = np.empty((DEEPEST, 2)), np.empty(FEW_FACETS, np.int64), np.empty((FEW_FACETS, 6))
+    best, count, reach = 0, 0, 0.0
+    cx, cy, cz = np.inf, np.inf, np.inf
+    for p in range(points.shape[0]):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        if (x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2 > ball * ball:
+            distance[p], best = nearest(tree, stack, x, y, z, best)
+            cx, cy, cz = x, y, z
+            reach = abs(distance[p]) + 2.0 * ball
+            count = facets_within(tree, stack, x, y, z, reach, few, boxes)
+        elif count <= FEW_FACETS:
+            distance[p] = nearest_of(tree, few, boxes, count, x, y, z, 2.0 * reach)
+        else:
+            distance[p], best = nearest(tree, stack, x, y, z, best)
+    return distance

@@ -6,14 +6,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim.process.facet_tree import DEEPEST, FacetTree, box_gap2, nearest, to_facet
+from sim.process.facet_tree import DEEPEST, FEW_FACETS, FacetTree, facets_within, nearest, nearest_of
 from sim.process.field import AIR, BLOCK, METAL, Field
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PART = 4  # cells along an edge of the eighth of a block for which facets are gathered
-FEW_FACETS = 24  # within reach of a block: so many are tried one by one for each cell, more are searched for
 SURE_CELLS = 1.5  # a cell so far from the surface has no surface, and no zero, between itself and the next
 ROUNDING = 1e-6  # of a cell
 
@@ -45,7 +44,7 @@ def mixed_blocks(tree: FacetTree, origin: Array, cell: float, band: float, direc
     found = np.empty((64, 3), np.int64)
     count = 0
     boxes = np.empty((8 * DEEPEST, 6), np.int64)
-    stack = np.empty(DEEPEST, np.int64)
+    stack = np.empty((DEEPEST, 2))
     facet = 0
     for d in range(3):
         boxes[0, d], boxes[0, 3 + d] = 0, directory.shape[d]
@@ -79,7 +78,7 @@ def mixed_blocks(tree: FacetTree, origin: Array, cell: float, band: float, direc
 @njit(cache=True, nogil=True)
 def fill_blocks(tree: FacetTree, origin: Array, cell: float, band: float, near: Index, value: NDArray[np.float32]) -> None:
     """Signed distance at the cells of blocks, clipped to the band. near : (m, 3) int, entries   value : (m, 8, 8, 8), mm, written"""
-    stack, few, boxes = np.empty(DEEPEST, np.int64), np.empty(FEW_FACETS, np.int64), np.empty((FEW_FACETS, 6))
+    stack, few, boxes = np.empty((DEEPEST, 2)), np.empty(FEW_FACETS, np.int64), np.empty((FEW_FACETS, 6))
     half = 0.5 * cell * np.sqrt(3.0) * (PART - 1.0)
     middle = 0.5 * cell * (PART - 1.0)
     facet = 0
@@ -95,17 +94,13 @@ def fill_blocks(tree: FacetTree, origin: Array, cell: float, band: float, near: 
                 cells[:] = np.float32(band if centre > 0.0 else -band)
                 continue
             reach = min(abs(centre) + 2.0 * half, max(band, SURE_CELLS * cell) + half) + ROUNDING * cell
-            count = facets_within(tree, stack, x + middle, y + middle, z + middle, reach, few)
-            for m in range(min(count, FEW_FACETS)):
-                for d in range(3):
-                    p, q, r = tree.corners[few[m], 0, d], tree.corners[few[m], 1, d], tree.corners[few[m], 2, d]
-                    boxes[m, d], boxes[m, 3 + d] = min(p, q, r), max(p, q, r)
+            count = facets_within(tree, stack, x + middle, y + middle, z + middle, reach, few, boxes)
             facet = fill_part(tree, stack, few, boxes, count, facet, x, y, z, cell, band, cells)
 
 
 @njit(cache=True, nogil=True)
 def fill_part(
-    tree: FacetTree, stack: Index, few: Index, boxes: Array, count: int, facet: int, x: float, y: float, z: float, cell: float, band: float,
+    tree: FacetTree, stack: Array, few: Index, boxes: Array, count: int, facet: int, x: float, y: float, z: float, cell: float, band: float,
     cells: NDArray[np.float32],
 ) -> int:  # fmt: skip
     """Signed distance at PART x PART x PART cells, the first one at (x, y, z), from the `count` facets within reach, or by search.
@@ -128,56 +123,3 @@ def fill_part(
                     distance, facet = nearest(tree, stack, px, py, pz, facet)
                 cells[i, j, k] = np.float32(min(band, max(-band, distance)))
     return facet
-
-
-@njit(cache=True, nogil=True)
-def facets_within(tree: FacetTree, stack: Index, x: float, y: float, z: float, reach: float, few: Index) -> int:
-    """Facets that come nearer to a point than `reach`, into `few`; how many, FEW_FACETS + 1 when they do not fit."""
-    count = 0
-    stack[0] = 0
-    height = 1
-    while height > 0:
-        height -= 1
-        node = stack[height]
-        if box_gap2(tree, node, x, y, z) > reach * reach:
-            continue
-        if tree.first[node] < 0:
-            stack[height], stack[height + 1] = tree.last[node], tree.last[node] + 1
-            height += 2
-            continue
-        for f in range(tree.first[node], tree.last[node]):
-            if to_facet(tree, f, x, y, z)[3] <= reach * reach:
-                if count == few.shape[0]:
-                    return count + 1
-                few[count] = f
-                count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def nearest_of(tree: FacetTree, few: Index, boxes: Array, count: int, x: float, y: float, z: float, band: float) -> float:
-    """Signed distance to the nearest of a few facets, mm; the band when none is nearer. The nearest one becomes the first.
-
-    boxes : (count, 6) float, mm   Box of each facet.
-    """
-    least, side, best = band * band, 1.0, 0
-    n, c = tree.normals, tree.corners
-    for m in range(count):
-        gx = max(boxes[m, 0] - x, x - boxes[m, 3], 0.0)
-        gy = max(boxes[m, 1] - y, y - boxes[m, 4], 0.0)
-        gz = max(boxes[m, 2] - z, z - boxes[m, 5], 0.0)
-        if gx * gx + gy * gy + gz * gz >= least:
-            continue
-        f = few[m]
-        rise = (x - c[f, 0, 0]) * n[f, 0, 0] + (y - c[f, 0, 1]) * n[f, 0, 1] + (z - c[f, 0, 2]) * n[f, 0, 2]
-        if rise * rise >= least:
-            continue
-        rx, ry, rz, gap, where = to_facet(tree, f, x, y, z)
-        if gap < least:
-            least, best = gap, m
-            side = rx * n[f, where, 0] + ry * n[f, where, 1] + rz * n[f, where, 2]
-    if best > 0:
-        few[0], few[best] = few[best], few[0]
-        for d in range(6):
-            boxes[0, d], boxes[best, d] = boxes[best, d], boxes[0, d]
-    return -np.sqrt(least) if side < 0.0 else np.sqrt(least)

@@ -160,7 +160,7 @@ def test_union_of_balls_and_boxes_is_closed_and_whole_holds_the_filled_cells(sha
     surface = closed(*field_mesh(field_of(value, cell), base_mm))
     if np.isneginf(base_mm):  # a base may cut off a slice that is thinner than a cell
         filled = np.clip(0.5 - value / cell, 0.0, 1.0).sum() * cell**3
-        assert surface.volume == pytest.approx(filled, abs=0.3 * cell * surface.area)
+        assert surface.volume == pytest.approx(filled, abs=0.3 * cell * surface.area + 0.05)
 
 
 def test_stock_after_beads_and_cuts_is_closed_and_holds_its_volume() -> None:

@@ -115,6 +115,13 @@ def test_field_of_the_finest_facets_is_exact_as_well() -> None:
     assert field.dense((0, 0, 0), field.shape).ravel() == pytest.approx(exact, abs=1e-6)
 
 
+def test_distance_along_a_surface_is_the_same_as_point_by_point() -> None:
+    target = target_of(trimesh.load_mesh(PARTS / "pipe.stl"))
+    ball = trimesh.creation.icosphere(5, 9.0)
+    points = np.asarray(ball.vertices)[np.lexsort(ball.vertices.T)] + target.samples[500]
+    assert target.surface_distance(points, 0.4) == pytest.approx(target.signed_distance(points), abs=1e-12)
+
+
 def test_mesh_without_area_is_refused() -> None:
     with pytest.raises(ValueError, match="no facet with an area"):
         Target(np.zeros((3, 3)), np.array([[0, 1, 2]]), 0.25)
