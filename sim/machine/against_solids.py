@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
-def pair_distance(bodies: Bodies, a: int, b: int, pose_a: Array, pose_b: Array, enough: float, at: Array) -> float:
+def pair_distance(bodies: Bodies, a: int, b: int, pose_a: Array, pose_b: Array, allowed: float, at: Array) -> float:
     """Signed distance of two solids, mm: the gap, or minus the least way that parts them.
 
-    pose_a, pose_b : (3, 4)   One frame from theirs.   enough : mm   A lower bound above this will do.
+    pose_a, pose_b : (3, 4)   One frame from theirs.   allowed : mm   Of overlap; a depth below it is only bounded.
     at : (3,)   Gets a point of the nearest (or deepest) place, in that one frame.
     A concave solid overlaps as deep as the deepest of its facets does, or as the other lies inside it.
     """
@@ -32,7 +32,7 @@ def pair_distance(bodies: Bodies, a: int, b: int, pose_a: Array, pose_b: Array, 
     pose = np.empty((3, 4))
     multiply_inverse(pose_a, pose_b, pose)
     rows = (bodies.hull[a, 0], bodies.hull[a, 1], bodies.hull[b, 0], bodies.hull[b, 1])
-    gap = _gap(bodies, (bodies.kind[a], bodies.kind[b]), (a, b), rows, pose, enough, own)
+    gap = _gap(bodies, (bodies.kind[a], bodies.kind[b]), (a, b), rows, pose, np.inf, allowed, own)
     _into(pose_a, own, at)
     return gap
 
@@ -45,15 +45,16 @@ def _into(pose: Array, point: Array, out: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def _gap(
-    bodies: Bodies, kinds: tuple[int, int], pair: tuple[int, int], rows: tuple[int, int, int, int], pose: Array, enough: float, own: Array
-) -> float:
+    bodies: Bodies, kinds: tuple[int, int], pair: tuple[int, int], rows: tuple[int, int, int, int], pose: Array, enough: float,
+    allowed: float, own: Array,
+) -> float:  # fmt: skip
     """Signed distance of two convex solids, or of single facets of them. rows : first and last point of each   pose : first from second"""
     size_a, size_b = bodies.size[pair[0]], bodies.size[pair[1]]
     a0, a1, b0, b1 = rows
     gap = gjk.distance(kinds[0], size_a, a0, a1, kinds[1], size_b, b0, b1, bodies.points, pose, enough, own)
     if gap > 0.0:
         return gap
-    return -max(0.0, gjk.overlap(kinds[0], size_a, a0, a1, kinds[1], size_b, b0, b1, bodies.points, pose, own))
+    return -max(0.0, gjk.overlap(kinds[0], size_a, a0, a1, kinds[1], size_b, b0, b1, bodies.points, pose, allowed, own))
 
 
 @njit(cache=True, nogil=True)
@@ -110,7 +111,7 @@ def _facets_against(
             continue
         for f in range(nodes[node, 0], nodes[node, 0] + nodes[node, 1]):
             row = corner_row(bodies, first + f)
-            gap = _gap(bodies, (HULL, kind), (a, b), (row, row + 3, other[0], other[1]), pose, max(best, 0.0), trial)
+            gap = _gap(bodies, (HULL, kind), (a, b), (row, row + 3, other[0], other[1]), pose, max(best, 0.0), 0.0, trial)
             if gap < best:
                 best = gap
                 own[:] = trial

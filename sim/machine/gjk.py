@@ -13,8 +13,9 @@ Array = NDArray[np.float64]
 GAP_MM = 1e-4  # the distance is exact to this
 ROUNDS = 128
 DIRECTIONS = 192  # tried for the least way out of an overlap, before the best are followed down
-FOLLOWED = 4
-FINEST_TURN = 1e-6
+FOLLOWED = 3
+FIRST_TURN, FINEST_TURN = 0.1, 1e-4  # rad
+TURNS = 60  # of one way down, at most
 GOLDEN_ANGLE = 2.399963229728653
 
 
@@ -215,10 +216,11 @@ def distance(
 @njit(cache=True, nogil=True)
 def overlap(
     kind_a: int, size_a: Array, a0: int, a1: int, kind_b: int, size_b: Array, b0: int, b1: int,
-    vertices: Array, pose: Array, at: Array,
+    vertices: Array, pose: Array, allowed: float, at: Array,
 ) -> float:  # fmt: skip
     """How deep two convex shapes are in each other: the least way that parts them, mm (0 or less: they are apart).
 
+    allowed : mm   Any way not longer than this will do.
     The way is sought over directions spread evenly, and followed down from the best ones. at : (3,)   Gets A's deepest point, A's frame.
     """
     ways, tried = np.empty((DIRECTIONS + 12, 3)), np.empty(DIRECTIONS + 12)
@@ -228,12 +230,15 @@ def overlap(
         apart(kind_a, size_a, a0, a1, kind_b, size_b, b0, b1, vertices, pose, ways[n], out)
         tried[n] = _dot(ways[n], out)
     best = np.inf
-    for _ in range(FOLLOWED):
+    followed = FOLLOWED if tried.min() > allowed else 1
+    for _ in range(followed):
         start = int(np.argmin(tried))
         way[:] = ways[start]
-        depth, turn = tried[start], 0.1
+        depth, turn = tried[start], FIRST_TURN if followed > 1 else 0.0
         tried[start] = np.inf
-        while turn > FINEST_TURN:
+        for _ in range(TURNS):
+            if turn < FINEST_TURN:
+                break
             before = depth
             for axis in range(6):
                 trial[:] = way

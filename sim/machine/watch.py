@@ -180,7 +180,7 @@ def _measure_pairs(links: Links, bodies: Bodies, rules: Rules, state: Odometers,
             continue
         multiply(state.world[bodies.carrier[a]], bodies.pose[a], pose_a)
         multiply(state.world[bodies.carrier[b]], bodies.pose[b], pose_b)
-        gap = pair_distance(bodies, a, b, pose_a, pose_b, np.inf, at)
+        gap = pair_distance(bodies, a, b, pose_a, pose_b, rules.allowed[p], at)
         wanted = min(state.nearest[3], gap) if rules.counts[p] else 0.0
         state.pair_due[p] = reading + max(STEP_MM, gap - max(0.0, wanted))
         if gap < -rules.allowed[p]:

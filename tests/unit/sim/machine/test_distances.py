@@ -23,7 +23,7 @@ def at(x: float, y: float, z: float, rotation: np.ndarray | None = None) -> np.n
 
 def gap(a: Body, b: Body, pose_a: np.ndarray, pose_b: np.ndarray) -> float:
     place = np.zeros(3)
-    return float(pair_distance(pack([a, b]), 0, 1, pose_a, pose_b, np.inf, place))
+    return float(pair_distance(pack([a, b]), 0, 1, pose_a, pose_b, 0.0, place))
 
 
 def box(x: float, y: float, z: float) -> Body:
