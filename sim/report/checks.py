@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sim.machine.machine import CLEARANCE_CAP_MM
 from sim.report.markup import Node, tag
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 KINDS = (
     ("collision", "Collision of a body with another or with the metal"),
     ("travel", "Axis beyond its travel"),
-    ("speed", "Axis faster than its limit"),
+    ("speed", "Speed: axis beyond its limit, or tip slower than programmed"),
     ("acceleration", "Axis beyond its acceleration"),
     ("rapid in metal", "Cutting at rapid speed"),
     ("spindle off", "Cutter in metal with the spindle standing"),
@@ -28,6 +29,7 @@ KINDS = (
 )
 """Kinds of findings that have a row even when there is none; gouge and clearance have rows of their own."""
 BOUNDS = {
+    "speed": ("slow_share", "tip at least {:.0%}", 1.0),
     "starved": ("starved_share", "at least {:.0%} of the set-point", 1.0),
     "standstill": ("standstill_s", "at most {:.0f} ms", 1e3),
     "stray light": ("stray_s", "at most {:.0f} ms beyond the ramp", 1e3),
@@ -98,7 +100,8 @@ def _clearance(proof: Proof, is_close: bool) -> Check:
     if proof.clearance_mm is None:
         return Check("Least clearance between bodies", "not watched", allowed, None)
     kept = not is_close and (bound is None or proof.clearance_mm >= bound)
-    return Check("Least clearance between bodies", f"{proof.clearance_mm:.2f} mm", allowed, kept, is_warning=True)
+    more = "\N{GREATER-THAN OR EQUAL TO} " if proof.clearance_mm >= max(CLEARANCE_CAP_MM, 2.0 * (bound or 0.0)) else ""
+    return Check("Least clearance between bodies", f"{more}{proof.clearance_mm:.2f} mm", allowed, kept, is_warning=True)
 
 
 def _is_warning(seen: list[Finding]) -> bool:

@@ -118,6 +118,11 @@ def test_errors_stand_before_warnings() -> None:
     assert text.index("1. gouge") < text.index("2. clearance")
 
 
+def test_clearance_that_was_not_looked_at_more_closely_is_said_to_be_at_least_that() -> None:
+    assert "\N{GREATER-THAN OR EQUAL TO} 2.00 mm" in squeezed(page_of(proof(clearance_mm=2.0)))
+    assert "\N{GREATER-THAN OR EQUAL TO}" not in squeezed(page_of(proof(clearance_mm=1.99)))
+
+
 def test_many_findings_keep_the_page_small() -> None:
     many = tuple(replace(GOUGE, operation=index, line=1 + index % LINES) for index in range(300))
     made = html(proof(many), ByHand(), CELL)
