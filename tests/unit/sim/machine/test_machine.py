@@ -40,7 +40,8 @@ def stock_of(*boxes: tuple[tuple[float, float, float], tuple[float, float, float
 def tip_at(cell: Cell, tool: int, *places: tuple[float, ...]) -> np.ndarray:
     """Joints that bring a tool's tip to places (x, y, z, and A, C if given) of the build frame with the table at zero."""
     tip = np.array(next(each.tip_mm for each in cell.tools if each.number == tool))
-    return np.array([[*(np.array(place[:3]) + [0.0, 0.0, TOP] - tip), *(place[3:] or (0.0, 0.0))] for place in places])
+    table = np.array([0.0, 0.0, TOP])
+    return np.array([[*(np.array(place[:3]) + table - tip), *(place[3:] or (0.0, 0.0))] for place in places])
 
 
 def trace_of(cell: Cell, tool: int, joints: np.ndarray, lines: list[int], emission: float = 0.0) -> Trace:
