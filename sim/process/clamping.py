@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from config import Cell, Material
 from sim.process.metal import Metal
-from sim.process.solid import mesh_field, unite_field
+from sim.process.solid import unite_field
 from sim.process.stock import Stock
 from sim.process.target import Target
 
@@ -80,4 +80,4 @@ def clamp_block(stock: Stock, part_bounds: Array, allowance_mm: float) -> None:
 def clamp_mesh(stock: Stock, mesh: TriangleMesh, build_from_part: Array) -> None:
     """A stock of any closed shape. mesh : part frame, mm; build_from_part : (4, 4) float."""
     shape = Target(in_build(mesh, build_from_part), np.asarray(mesh.facets, dtype=np.int64), SAMPLE_MM)
-    unite_field(stock.field, mesh_field(shape, stock.field))
+    unite_field(stock.field, shape.field_on(stock.origin, stock.cell_mm, stock.band_mm, stock.field.shape))

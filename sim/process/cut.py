@@ -20,7 +20,7 @@ ENGAGED_AT, GOUGE_AT = 3, 6  # first of three
 TOLD = 9  # columns
 
 
-class CutResult(NamedTuple):
+class Cut(NamedTuple):
     """What one piece of a cutter's path did to the metal.
 
     engaged_mm : greatest depth at which the cutter met metal, at most the band (0: cut air)
@@ -52,7 +52,7 @@ def remove_pieces(blocks: Blocks, guard: Blocks, path: Array, cutter: Array, mar
             if not has_room(blocks, sweep):
                 return n  # what is cut already of this piece is cut again: no harm
             remove_sweep(blocks, guard, sweep, mark, told[n])
-    return path.shape[0]
+    return int(path.shape[0])
 
 
 @njit(cache=True, nogil=True)
@@ -142,11 +142,11 @@ def gouge_of(guard: Blocks, a: int, b: int, c: int, i: int, j: int, k: int, take
     """
     part = guard.directory[a, b, c]
     if part == AIR:
-        return -guard.size[1]
+        return float(-guard.size[1])
     target = -guard.size[1] if part == METAL else float(guard.value[part, i, j, k])
     if target >= guard.size[1]:
-        return -guard.size[1]
-    return min(inside - target, guard.size[1]) if taken > TOUCH * guard.size[0] else -guard.size[1]
+        return float(-guard.size[1])
+    return float(min(inside - target, guard.size[1]) if taken > TOUCH * guard.size[0] else -guard.size[1])
 
 
 @njit(cache=True, nogil=True)
@@ -217,17 +217,3 @@ def remove_cells(blocks: Blocks, guard: Blocks, sweep: Sweep, a: int, b: int, c:
                 k += 1
     if cleared and (blocks.value[block] >= np.float32(band)).all():
         drop_block(blocks, a, b, c, AIR)
-
-
-class Cut(float):
-    """Bridge."""
-
-    engaged_mm: float
-    gouge_mm: float
-    removed_mm3: float
-    at: Array
-
-    def __new__(cls, engaged_mm: float, gouge_mm: float, removed_mm3: float, at: Array) -> Cut:
-        made = super().__new__(cls, engaged_mm)
-        made.engaged_mm, made.gouge_mm, made.removed_mm3, made.at = engaged_mm, gouge_mm, removed_mm3, at
-        return made

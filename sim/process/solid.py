@@ -1,4 +1,4 @@
-"""Solids put into a sparse field: boxes, anything with a signed distance, and closed triangle meshes."""
+"""Solids put into a sparse field: boxes, other fields, and anything with a signed distance."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim.process.field import AIR, BLOCK, MASK, METAL, SHIFT, Blocks, Field, block_range, drop_block, open_block, settle
-from sim.process.target import Target
+from sim.process.field import AIR, BLOCK, METAL, Blocks, Field, block_range, drop_block, open_block, settle
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -145,99 +144,3 @@ def _box_cells(blocks: Blocks, box: Array, frame: Array, a: int, b: int, c: int)
                 if value < blocks.value[block, i, j, k]:
                     blocks.value[block, i, j, k] = np.float32(value)
                     blocks.mark[block, i, j, k] = np.int16(0)
-
-
-def mesh_field(target: Target, like: Field) -> Field:
-    """A closed mesh as a field on the grid of another one: exact within the band, slab by slab, memory in proportion to its surface."""
-    field = Field(like.origin, like.cell_mm, like.band_mm, like.shape)
-    nx, ny, nz = field.shape
-    corners = np.ascontiguousarray(target.corners)
-    low, high = corners[:, :, 0].min(axis=1), corners[:, :, 0].max(axis=1)
-    for first in range(0, nx, BLOCK):
-        origin = field.origin + np.array([first * field.cell_mm, 0.0, 0.0])
-        end = origin[0] + (BLOCK - 1) * field.cell_mm
-        near = np.flatnonzero((low <= end + field.band_mm) & (high >= origin[0] - field.band_mm))
-        inside = target.inside_grid(origin, field.cell_mm, (BLOCK, ny, nz))
-        gap = np.full((BLOCK, ny, nz), field.band_mm**2, dtype=np.float32)
-        _squared_gaps(corners[near], origin, field.cell_mm, field.band_mm, gap)
-        values = np.where(inside, -np.sqrt(gap), np.sqrt(gap))
-        low_cell = np.array([first, 0, 0], dtype=np.int64)
-        field.reserve_blocks(_slab_blocks(field.blocks, first >> SHIFT, values, False))
-        _slab_blocks(field.blocks, first >> SHIFT, values, True)
-        settle(field.blocks, low_cell, np.array([first + BLOCK, ny, nz], dtype=np.int64))
-    return field
-
-
-@njit(cache=True, nogil=True)
-def _slab_blocks(blocks: Blocks, a: int, values: NDArray[np.float32], write: bool) -> int:
-    """Set a slab of blocks from dense values, (8, ny, nz) mm; without `write` only count those that need cells."""
-    band = np.float32(blocks.size[1])
-    count = 0
-    for b in range(blocks.directory.shape[1]):
-        for c in range(blocks.directory.shape[2]):
-            cells = values[:, b * BLOCK : (b + 1) * BLOCK, c * BLOCK : (c + 1) * BLOCK]
-            least, most = cells.min(), cells.max()
-            if least >= band:
-                continue
-            if most <= -band:
-                if write:
-                    drop_block(blocks, a, b, c, METAL)
-                continue
-            count += 1
-            if write:
-                blocks.value[open_block(blocks, a, b, c)] = cells
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _squared_gaps(corners: Array, origin: Array, cell: float, band: float, gap: NDArray[np.float32]) -> None:
-    """Squared distance, mm2, of the cells of a slab to the nearest of some triangles, where less than what `gap` holds. corners : (m, 3, 3) mm."""
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    for f in range(corners.shape[0]):
-        for d in range(3):
-            least = min(corners[f, 0, d], corners[f, 1, d], corners[f, 2, d]) - band
-            most = max(corners[f, 0, d], corners[f, 1, d], corners[f, 2, d]) + band
-            low[d] = max(0, int(np.ceil((least - origin[d]) / cell)))
-            high[d] = min(gap.shape[d] - 1, int(np.floor((most - origin[d]) / cell)))
-        reach = (band + HALF_DIAGONAL * cell) ** 2
-        for j0 in range(low[1] & ~MASK, high[1] + 1, BLOCK):
-            for k0 in range(low[2] & ~MASK, high[2] + 1, BLOCK):
-                middle = origin + cell * (np.array([0.0, j0, k0]) + 0.5 * (BLOCK - 1))
-                if triangle_distance2(middle[0], middle[1], middle[2], corners[f]) > reach:
-                    continue
-                for i in range(low[0], high[0] + 1):
-                    for j in range(max(low[1], j0), min(high[1], j0 + MASK) + 1):
-                        for k in range(max(low[2], k0), min(high[2], k0 + MASK) + 1):
-                            away = triangle_distance2(origin[0] + i * cell, origin[1] + j * cell, origin[2] + k * cell, corners[f])
-                            if away < gap[i, j, k]:
-                                gap[i, j, k] = np.float32(away)
-
-
-@njit(cache=True, nogil=True)
-def triangle_distance2(x: float, y: float, z: float, corners: Array) -> float:
-    """Squared distance of a point to a triangle, mm2 (Ericson, Real-Time Collision Detection, 5.1.5). corners : (3, 3) float, mm."""
-    abx, aby, abz = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
-    acx, acy, acz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
-    px, py, pz = x - corners[0, 0], y - corners[0, 1], z - corners[0, 2]
-    d1, d2 = abx * px + aby * py + abz * pz, acx * px + acy * py + acz * pz
-    bb, cc, bc = abx * abx + aby * aby + abz * abz, acx * acx + acy * acy + acz * acz, abx * acx + aby * acy + abz * acz
-    d3, d4, d5, d6 = d1 - bb, d2 - bc, d1 - bc, d2 - cc
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    if d1 <= 0.0 and d2 <= 0.0:
-        v, w = 0.0, 0.0
-    elif d3 >= 0.0 and d4 <= d3:
-        v, w = 1.0, 0.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v, w = d1 / (d1 - d3), 0.0
-    elif d6 >= 0.0 and d5 <= d6:
-        v, w = 0.0, 1.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        v, w = 0.0, d2 / (d2 - d6)
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        v = 1.0 - w
-    else:
-        total = va + vb + vc
-        v, w = (vb / total, vc / total) if total > 0.0 else (0.0, 0.0)
-    rx, ry, rz = px - v * abx - w * acx, py - v * aby - w * acy, pz - v * abz - w * acz
-    return float(rx * rx + ry * ry + rz * rz)

@@ -11,35 +11,12 @@ from numpy.typing import NDArray
 from config import Material
 from sim.process.cut import ENGAGED, ENGAGED_AT, GOUGE, GOUGE_AT, REMOVED, TOLD, TOUCH, Cut, remove_pieces, room_of
 from sim.process.field import AIR, BLOCK, METAL, Blocks, Field
-from sim.process.solid import mesh_field, unite, unite_box
+from sim.process.solid import unite, unite_box
 from sim.process.target import Target
 
 Array = NDArray[np.float64]
 
 BAND_CELLS = 3.0  # the field is exact this far from the surface: enough for a trilinear look-up and a cutter's sweep
-
-
-class DenseView(Field):
-    """The field as readers of a dense array take it."""
-
-    def __array__(self, dtype: object = None, copy: bool | None = None) -> NDArray[np.float32]:
-        return self.dense((0, 0, 0), self.shape)
-
-    def __getitem__(self, key: object) -> NDArray[np.float32]:
-        return self.dense((0, 0, 0), self.shape)[key]  # type: ignore[index]
-
-    def __sub__(self, other: object) -> NDArray[np.float32]:
-        return np.asarray(self) - np.asarray(other)
-
-    def astype(self, kind: type) -> NDArray[np.float64]:
-        return self.dense((0, 0, 0), self.shape).astype(kind)
-
-    def copy(self) -> NDArray[np.float32]:
-        return self.dense((0, 0, 0), self.shape)
-
-    @property
-    def size(self) -> int:
-        return int(np.prod(self.shape))
 
 
 class Stock:
@@ -55,7 +32,7 @@ class Stock:
         margin = (BAND_CELLS + 1.0) * cell_mm
         low = np.asarray(bounds[0], dtype=float) - margin
         cells = np.ceil((np.asarray(bounds[1], dtype=float) + margin - low) / cell_mm).astype(np.int64) + 1
-        self.field = DenseView(low, cell_mm, BAND_CELLS * cell_mm, cells)
+        self.field = Field(low, cell_mm, BAND_CELLS * cell_mm, cells)
         self.origin, self.cell_mm, self.band_mm = self.field.origin, self.field.cell_mm, self.field.band_mm
         self.material = material
         self._part = Field(low, cell_mm, self.band_mm, cells)  # air until `guard`
@@ -80,17 +57,11 @@ class Stock:
         distance_of : points (n, 3) float, mm -> (n,) float, mm, negative inside; 1-Lipschitz
         box : (2, 3) float, mm   Corners of a box that holds the solid; None: the whole grid.
         """
-        if isinstance(distance_of, np.ndarray):
-            dense = np.full(self.field.shape, self.band_mm)
-            dense[...] = distance_of
-            index = lambda p: tuple(np.clip(np.rint((p - self.origin) / self.cell_mm), 0, np.array(self.field.shape) - 1).astype(int).T)
-            unite(self.field, lambda p: dense[index(p)], box)
-            return
         unite(self.field, distance_of, box)
 
     def guard(self, target: Target) -> None:
         """Know the part from now on: `cut` tells how deep a cutter goes below its surface. target : build frame."""
-        self._part = mesh_field(target, self.field)
+        self._part = target.field_on(self.origin, self.cell_mm, self.band_mm, self.field.shape)
 
     def distance(self, points: Array) -> Array:
         """Signed distance at points by trilinear interpolation, mm, negative in metal. points : (n, 3) float, mm -> (n,) float"""
@@ -134,6 +105,11 @@ class Stock:
         told[told[:, GOUGE] < TOUCH * self.cell_mm, GOUGE] = 0.0
         self.removed_mm3 += float(told[:, REMOVED].sum())
         return told
+
+    @property
+    def memory_bytes(self) -> int:
+        """Of the metal's field and of the part's."""
+        return self.field.memory_bytes + self._part.memory_bytes
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """The state of the metal, to be given to `restore`; the target of `guard` is not part of it."""
