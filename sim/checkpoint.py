@@ -14,6 +14,7 @@ import os
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -296,8 +297,9 @@ def facts_of_run(
     return [code_sha256(), *(text.encode() for text in texts), *(np.ascontiguousarray(array).tobytes() for array in arrays)]
 
 
+@cache
 def code_sha256() -> bytes:
-    """Hash of the code that makes a proof and of the NumPy under it: another version begins anew."""
+    """Hash of the code that makes a proof and of the NumPy under it: another version begins anew. Read once: the code that runs is loaded."""
     digest = hashlib.sha256(np.__version__.encode())
     root = Path(__file__).parent
     for path in sorted((*root.rglob("*.py"), *(root.parent / "config").glob("*.py"))):
