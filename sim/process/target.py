@@ -78,22 +78,6 @@ class Target:
         inside: NDArray[np.bool_] = np.bitwise_xor.accumulate(flips, axis=2).astype(bool)
         return inside
 
-    def field(self, origin: Array, cell_mm: float, shape: tuple[int, ...], band_mm: float) -> NDArray[np.float32]:
-        """Signed distance on a grid, mm: exact next to the surface, +-band elsewhere. -> shape float32"""
-        inside = self.inside_grid(origin, cell_mm, shape)
-        field = np.where(inside, -band_mm, band_mm).astype(np.float32)
-        edge = np.zeros(shape, dtype=bool)
-        for axis in range(3):
-            change = np.diff(inside, axis=axis)
-            before, after = [slice(None)] * 3, [slice(None)] * 3
-            before[axis], after[axis] = slice(None, -1), slice(1, None)
-            edge[tuple(before)] |= change
-            edge[tuple(after)] |= change
-        index = np.argwhere(edge)
-        if len(index):
-            field[edge] = self.signed_distance(origin + index * cell_mm)
-        return field
-
 
 @njit(cache=True, nogil=True)
 def count_crossings(corners: Array, origin: Array, cell: float, flips: NDArray[np.uint8]) -> None:
