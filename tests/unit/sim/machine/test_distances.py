@@ -81,7 +81,7 @@ def test_a_cone_beside_a_wall_is_nearest_at_its_wide_end() -> None:
     assert gap(cylinder(6, 60, 25), box(10, 200, 200), at(0, 0, 0), at(40, 0, 0)) == pytest.approx(10.0, abs=2e-4)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_random_poses_agree_with_the_sampled_surface(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -90,13 +90,11 @@ def test_random_poses_agree_with_the_sampled_surface(seed: int) -> None:
     pose_a, pose_b = at(0, 0, 0, turn(rng)), at(*rng.uniform(-20, 20, 3), turn(rng))
     found = gap(a, b, pose_a, pose_b)
     solids = pack([a, b])
-    points = rng.uniform(-30, 30, size=(4000, 3))
-    both = np.array([
-        max(body_distance(solids, n, *(pose[:, :3].T @ (point - pose[:, 3]))) for n, pose in ((0, pose_a), (1, pose_b))) for point in points
+    points = rng.uniform(-30, 30, size=(800, 3))
+    each = np.array([
+        [body_distance(solids, n, *(pose[:, :3].T @ (point - pose[:, 3]))) for n, pose in ((0, pose_a), (1, pose_b))] for point in points
     ])  # fmt: skip
-    together = np.array([
-        sum(body_distance(solids, n, *(pose[:, :3].T @ (point - pose[:, 3]))) for n, pose in ((0, pose_a), (1, pose_b))) for point in points
-    ])  # fmt: skip
+    both, together = each.max(axis=1), each.sum(axis=1)
     if found > 0.0:
         assert both.min() >= 0.5 * found - 1e-3  # no point is nearer to both than half the gap
         assert together.min() >= found - 1e-3
