@@ -55,7 +55,7 @@ def test_part_milled_to_size_is_not_gouged_and_without_a_target_nothing_is() -> 
     for y in (-4.0, -1.0, 2.0, 5.0):
         assert stock.cut(vector(-9.0, y, 4.0), vector(9.0, y, 4.0), UP, UP, 2.0, 0.0, 30.0).gouge_mm == 0.0
     for a, b in (((6.0, -7.0), (6.0, 7.0)), ((-6.0, 7.0), (-6.0, -7.0)), ((-8.0, 5.0), (8.0, 5.0)), ((8.0, -5.0), (-8.0, -5.0))):
-        assert stock.cut(vector(*a, 0.0), vector(*b, 0.0), UP, UP, 2.0, 0.0, 30.0).gouge_mm == 0.0
+        assert stock.cut(vector(*a, -1.0), vector(*b, -1.0), UP, UP, 2.0, 0.0, 30.0).gouge_mm == 0.0
     assert stock.volume_mm3(-1.0) == pytest.approx(8.0 * 6.0 * 4.0, rel=0.01)
     bare = block(vector(-3.0, -3.0, 0.0), vector(3.0, 3.0, 3.0), CELL)
     assert bare.cut(vector(-9.0, 0.0, 1.0), vector(9.0, 0.0, 1.0), UP, UP, 2.0, 0.0, 30.0).gouge_mm == 0.0
