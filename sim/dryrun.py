@@ -29,8 +29,9 @@ from sim.world import World
 
 Array = NDArray[np.float64]
 
-STEP_S = 0.2  # of process time; motion inside a step is exact, and the metal does not depend on it
-WAIT_STEP_S = 0.05  # while a barrier waits for the plant
+STEP_S = 0.4  # of process time; motion inside a step is exact, and the metal does not depend on it
+CUT_STEP_S = 0.2  # with a cutter: what must not touch is looked at after the step's cuts, so they shall not be far ahead
+WAIT_STEP_S = 0.1  # while a barrier waits for the plant
 FINE_STEP_S = 0.005  # while set-points change with the lines
 BOUNDARY_STEP_S = 0.1  # while the planner may take the last lines of a layer: it shall not run dry where lines wait for the step's end
 CELL_LEAST_MM, CELL_MOST_MM = 0.2, 0.5
@@ -100,6 +101,7 @@ class DryRun:
         self.controller = IdealController(program, self.world, layer_begins(program))
         self.world.cnc.supply = self.controller.supply
         self.before, self.findings = Findings(program), Findings(program)  # seen without a run; seen in the run
+        self._heads = {tool.number for tool in cell.tools if tool.kind == "deposition"}
         self.resumed_at = 0
         self._checkpoints: Checkpoints | None = None
         self._places: dict[int, Place] = {}
@@ -212,7 +214,9 @@ class DryRun:
             return FINE_STEP_S
         if self.controller.is_waiting:
             return WAIT_STEP_S
-        return BOUNDARY_STEP_S if self.controller.boundary_near else STEP_S
+        if self.controller.boundary_near:
+            return BOUNDARY_STEP_S
+        return STEP_S if self.world.cnc.machine.tool in self._heads else min(CUT_STEP_S, STEP_S)
 
     def _check_after(self) -> None:
         deposits = self.program.process in ("hybrid", "deposit")

@@ -17,6 +17,7 @@ POWDER_TOLERANCE = 0.05  # relative; flow is steady within
 DRY_G_MIN = 0.05
 MACHINE_WAIT_S = 60.0  # a barrier that takes longer will never be passed
 HOLD_MARGIN_S = 0.25  # of motion left in the planner when lines come again: every axis brakes in less
+SHORT_S = 2.0  # of planned motion: several steps
 CHANNEL_NAMES = {
     facts.MODE: ("mode", ""),
     facts.LASER_W: ("laser power", " W"),
@@ -99,8 +100,9 @@ class IdealController:
 
     @property
     def boundary_near(self) -> bool:
-        """Whether the planner might take all lines before the next layer in one step."""
-        return 0 < self.boundary <= self.next_line + self._world.cnc.machine.motion.capacity
+        """Whether the planner might take all lines before the next layer in one step and not have motion enough to wait for its end."""
+        motion = self._world.cnc.machine.motion
+        return 0 < self.boundary <= self.next_line + motion.capacity and motion.planned_s() < SHORT_S
 
     @property
     def at_boundary(self) -> bool:

@@ -66,6 +66,35 @@ def extend(episode: Floats, seconds: float, length: float, badness: float, line:
 
 
 @njit(cache=True)
+def judge(
+    piece: Floats, step: float, speed: float, ratio: float, emission: float, powder: float, on_process: bool, is_deployed: bool,
+    limits: Floats, power_setpoint: float, powder_setpoint: float, bad: Floats,
+) -> None:  # fmt: skip
+    """How bad one piece is in each way, 0: not at all. step : way of the tip, mm   speed : mm/s   ratio : of the speed that the limits allow"""
+    bad[:] = 0.0
+    lit, melts, moves = emission > limits[LOW_W], emission >= limits[MELTS_W], step > MOVED_MM
+    if lit and speed < limits[MOVING_MM_S]:
+        bad[STANDSTILL] = emission
+    if moves and lit and not on_process and emission > 0.1 * power_setpoint:
+        bad[STRAY] = emission
+    if lit and not is_deployed:
+        bad[PARKED] = emission
+    if melts and powder < limits[STARVED_SHARE] * powder_setpoint:
+        bad[STARVED] = 1.0 - powder / powder_setpoint
+    elif melts and on_process and powder_setpoint <= limits[DRY_G_MIN] and powder <= limits[DRY_G_MIN]:
+        bad[STARVED] = 1.0
+    if not (moves and on_process):
+        return
+    if powder > limits[DRY_G_MIN] and not melts:
+        bad[WASTE] = powder
+    heat = emission / power_setpoint if power_setpoint > 0.0 else 0.0
+    if melts and heat > 0.0 and ratio / heat < limits[SLOW_SHARE]:
+        bad[SLOW] = heat / ratio
+    if piece[PIECE_RAPID] == 0.0 and piece[PIECE_CAP] < limits[CLAMP_SHARE] * piece[PIECE_PROGRAMMED]:
+        bad[SPEED] = piece[PIECE_PROGRAMMED] / piece[PIECE_CAP]
+
+
+@njit(cache=True)
 def scan(
     pieces: Floats, tip0: Floats, tip1: Floats, emission: Floats, powder: Floats, kinds: NDArray[np.uint8], limits: Floats, fastest: Floats,
     power_setpoint: float, powder_setpoint: float, is_deployed: bool, episodes: Floats, lines: Floats, speeds: Floats, events: Floats,
@@ -99,31 +128,10 @@ def scan(
         ratio = way / (programmed * dt) if programmed * dt > 0.0 else 1.0  # of the speed that the limits allow
         speeds[k, TIP_SPEED] = speed
         speeds[k, TIP_PROGRAMMED] = step * piece[PIECE_PROGRAMMED] / way if way > 0.0 else 0.0
-        on_process = 0 <= line < kinds.shape[0] and kinds[line] == PROCESS_LINE
-        lit = emission[k] > limits[LOW_W]
-        melts = emission[k] >= limits[MELTS_W]
-        moves = step > MOVED_MM
-        if lit:
+        if emission[k] > limits[LOW_W]:
             lit_mm += step
-        bad[:] = 0.0
-        if lit and speed < limits[MOVING_MM_S]:
-            bad[STANDSTILL] = emission[k]
-        if moves and lit and not on_process and emission[k] > 0.1 * power_setpoint:
-            bad[STRAY] = emission[k]
-        if lit and not is_deployed:
-            bad[PARKED] = emission[k]
-        if melts and powder[k] < limits[STARVED_SHARE] * powder_setpoint:
-            bad[STARVED] = 1.0 - powder[k] / powder_setpoint
-        elif melts and on_process and powder_setpoint <= limits[DRY_G_MIN] and powder[k] <= limits[DRY_G_MIN]:
-            bad[STARVED] = 1.0
-        if moves and on_process:
-            if powder[k] > limits[DRY_G_MIN] and not melts:
-                bad[WASTE] = powder[k]
-            heat = emission[k] / power_setpoint if power_setpoint > 0.0 else 0.0
-            if melts and heat > 0.0 and ratio / heat < limits[SLOW_SHARE]:
-                bad[SLOW] = heat / ratio
-            if piece[PIECE_RAPID] == 0.0 and piece[PIECE_CAP] < limits[CLAMP_SHARE] * piece[PIECE_PROGRAMMED]:
-                bad[SPEED] = piece[PIECE_PROGRAMMED] / piece[PIECE_CAP]
+        on_process = 0 <= line < kinds.shape[0] and kinds[line] == PROCESS_LINE
+        judge(piece, step, speed, ratio, emission[k], powder[k], on_process, is_deployed, limits, power_setpoint, powder_setpoint, bad)
         for kind in range(EPISODES):
             if bad[kind] > 0.0:
                 extend(episodes[kind], dt, step, bad[kind], piece[PIECE_LINE], tip1[k], emission[k], float(axis))
