@@ -23,6 +23,7 @@ Built = tuple[Array, Index, Array]  # as-built surface: vertices (n, 3) mm, face
 BASE_CELLS = 1.5  # surface at or below this height is the joint with the substrate
 PICTURE_BASE_CELLS = 1.0  # the drawn surface ends here: under what counts, above the plate's own top
 FAR_BANDS = 0.98  # of the band: a sample that lies farther off is measured to the as-built surface itself
+SURE_CELLS = 0.1  # nearer than this the field's distance is believed when two as-builts are compared
 FRACTION_CELLS = 0.5  # either way of a surface a cell is partly filled
 TOLERANCE_CELLS = 0.5  # stands for the tolerance of the histogram when none is given
 PATH_STEP_MM = 0.5  # nearest path points are looked up this far apart
@@ -119,18 +120,20 @@ def difference(one: Stock | Field, other: Stock | Field) -> Difference:
 def _farthest(surface: Triangles, field: Field, other: Triangles) -> float:
     """Greatest distance of the vertices of one surface from another one and its field, mm; inf when there is nothing to measure to.
 
-    Vertices that close the surface beyond the grid's last cells are no surface of the metal.
+    Beside a steep flank of a bead the field tells the height along the tool axis: more than the distance, and so is that to a vertex.
+    Vertices that close the surface at the grid's last cells are no surface of the metal.
     """
-    last = field.origin + field.cell_mm * (np.array(field.shape) - 1)
-    vertices = surface[0][((surface[0] >= field.origin) & (surface[0] <= last)).all(axis=1)]
+    first, last = field.origin + field.cell_mm, field.origin + field.cell_mm * (np.array(field.shape) - 2)
+    vertices = surface[0][((surface[0] > first) & (surface[0] < last)).all(axis=1)]
     if not len(vertices):
         return 0.0
     if not len(other[0]):
         return float("inf")
     gap = np.abs(field.distance(vertices))
-    far = gap > FAR_BANDS * field.band_mm
+    far = gap > SURE_CELLS * field.cell_mm
     if far.any():
-        gap[far], _ = cKDTree(other[0]).query(vertices[far], workers=-1)
+        nearest, _ = cKDTree(other[0]).query(vertices[far], workers=-1)
+        gap[far] = np.where(gap[far] > FAR_BANDS * field.band_mm, nearest, np.minimum(gap[far], nearest))
     return float(gap.max())
 
 
