@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sim.deviation import Deviation, Histogram, LayerDeviation, histogram, spread_of
+from sim.process.facet_tree import facet_tree, signed_distances
 from sim.process.field import Field
 from sim.process.stock import Stock
 from sim.process.surface import Triangles, built_mesh, field_mesh
@@ -23,7 +24,6 @@ Built = tuple[Array, Index, Array]  # as-built surface: vertices (n, 3) mm, face
 BASE_CELLS = 1.5  # surface at or below this height is the joint with the substrate
 PICTURE_BASE_CELLS = 1.0  # the drawn surface ends here: under what counts, above the plate's own top
 FAR_BANDS = 0.98  # of the band: a sample that lies farther off is measured to the as-built surface itself
-SURE_CELLS = 0.1  # nearer than this the field's distance is believed when two as-builts are compared
 FRACTION_CELLS = 0.5  # either way of a surface a cell is partly filled
 TOLERANCE_CELLS = 0.5  # stands for the tolerance of the histogram when none is given
 PATH_STEP_MM = 0.5  # nearest path points are looked up this far apart
@@ -112,29 +112,23 @@ def difference(one: Stock | Field, other: Stock | Field) -> Difference:
     first, second = (built.field if isinstance(built, Stock) else built for built in (one, other))
     gaps = volume_gaps(first, second)
     surfaces = field_mesh(first), field_mesh(second)
-    there = _farthest(surfaces[0], second, surfaces[1])
-    back = _farthest(surfaces[1], first, surfaces[0])
-    return Difference(max(there, back), float(gaps.missing.sum() + gaps.excess.sum()))
+    apart = max(_farthest(surfaces[0], first, surfaces[1]), _farthest(surfaces[1], first, surfaces[0]))
+    return Difference(apart, float(gaps.missing.sum() + gaps.excess.sum()))
 
 
-def _farthest(surface: Triangles, field: Field, other: Triangles) -> float:
-    """Greatest distance of the vertices of one surface from another one and its field, mm; inf when there is nothing to measure to.
+def _farthest(surface: Triangles, grid: Field, other: Triangles) -> float:
+    """Greatest distance of the vertices of one surface from another one, mm, exact; inf when there is nothing to measure to.
 
-    Beside a steep flank of a bead the field tells the height along the tool axis: more than the distance, and so is that to a vertex.
     Vertices that close the surface at the grid's last cells are no surface of the metal.
     """
-    first, last = field.origin + field.cell_mm, field.origin + field.cell_mm * (np.array(field.shape) - 2)
+    first, last = grid.origin + grid.cell_mm, grid.origin + grid.cell_mm * (np.array(grid.shape) - 2)
     vertices = surface[0][((surface[0] > first) & (surface[0] < last)).all(axis=1)]
     if not len(vertices):
         return 0.0
     if not len(other[0]):
         return float("inf")
-    gap = np.abs(field.distance(vertices))
-    far = gap > SURE_CELLS * field.cell_mm
-    if far.any():
-        nearest, _ = cKDTree(other[0]).query(vertices[far], workers=-1)
-        gap[far] = np.where(gap[far] > FAR_BANDS * field.band_mm, nearest, np.minimum(gap[far], nearest))
-    return float(gap.max())
+    tree = facet_tree(np.ascontiguousarray(other[0][other[1]]))
+    return float(np.abs(signed_distances(tree, np.ascontiguousarray(vertices))[0]).max())
 
 
 def _at_samples(stock: Stock, target: Target, base: float) -> _Places:

@@ -72,7 +72,7 @@ def check_room(mesh: Mesh, recipe: Recipe, cell_file: str) -> None:
     cell = load_cell(cell_file)
     placed = table_from_build(cell.placement.part_origin_mm, cell.placement.rotation_deg)
     direction, _ = build_direction(mesh, recipe)
-    check_volume(mesh.transformed(build_frame(mesh, direction)).bounds, cell, placed)
+    check_volume(mesh.transformed(build_frame(mesh, direction, recipe.turn_deg)).bounds, cell, placed)
 
 
 def plan(task: Task, report: Report) -> dict[str, Any]:

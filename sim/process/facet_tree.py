@@ -116,7 +116,7 @@ def box_gap2(tree: FacetTree, node: int, x: float, y: float, z: float) -> float:
     gx = max(tree.low[node, 0] - x, x - tree.high[node, 0], 0.0)
     gy = max(tree.low[node, 1] - y, y - tree.high[node, 1], 0.0)
     gz = max(tree.low[node, 2] - z, z - tree.high[node, 2], 0.0)
-    return gx * gx + gy * gy + gz * gz
+    return float(gx * gx + gy * gy + gz * gz)
 
 
 @njit(cache=True, nogil=True)
@@ -256,7 +256,7 @@ def nearest_of(tree: FacetTree, few: Index, boxes: Array, count: int, x: float, 
         few[0], few[best] = few[best], few[0]
         for d in range(6):
             boxes[0, d], boxes[best, d] = boxes[best, d], boxes[0, d]
-    return -np.sqrt(least) if side < 0.0 else np.sqrt(least)
+    return float(-np.sqrt(least) if side < 0.0 else np.sqrt(least))
 
 
 @njit(cache=True, nogil=True)

@@ -88,6 +88,7 @@ class Metal:
 
     @layer_of_line.setter
     def layer_of_line(self, layers: NDArray[np.int16] | None) -> None:
+        """Beads are marked with these from now on."""
         self._lines = layers
         self._marks = np.zeros(0, dtype=np.int16) if layers is None else (np.maximum(np.asarray(layers), 0) + 1).astype(np.int16)
 

@@ -52,7 +52,7 @@ def share_of(blocks: Blocks, block: int, i: int, j: int, k: int) -> float:
     """Filled share of a cell of a block, or of a uniform one."""
     if block < 0:
         return 0.0 if block == AIR else 1.0
-    return min(1.0, max(0.0, 0.5 - blocks.value[block, i, j, k] / blocks.size[0]))
+    return float(min(1.0, max(0.0, 0.5 - blocks.value[block, i, j, k] / blocks.size[0])))
 
 
 @njit(cache=True, nogil=True)
