@@ -185,8 +185,10 @@ class Machine:
         elif self._timed is not None and not self.is_suspended and not self.alarm:
             used = min(left, self._timer_s)
             self._timer_s -= used
+            self.motion.wait(used, is_timed=True)
             if self._timer_s <= TIME_EPS_S:
                 self._finish()
+            return used
         self.motion.wait(used)
         return used
 

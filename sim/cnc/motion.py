@@ -31,6 +31,7 @@ class Motion:
         self._state = np.zeros(la.STATE_SIZE)
         self._out = np.zeros((PIECES, la.PIECE_COLUMNS))
         self._row = 0
+        self._last_line = 0.0  # N-word of the last motion: what stands after it belongs to it
         self._set_mask = self._clear_mask = 0
         self._is_dirty = False
         self.feed_override = self.rapid_override = 1.0
@@ -169,12 +170,14 @@ class Motion:
             if self._row < len(self._out) - 1:
                 break
             self._out = np.concatenate((self._out, np.zeros_like(self._out)))
+        if self._row:
+            self._last_line = float(self._out[self._row - 1, la.PIECE_LINE])
         if braking:
             self._is_dirty = True  # resumed from a speed that was not planned
         return used
 
-    def wait(self, dt: float) -> None:
-        """Stand still for dt."""
+    def wait(self, dt: float, is_timed: bool = False) -> None:
+        """Stand still for dt: on the executing line; without one on the last that moved if a dwell or the like is_timed, else on none."""
         if self._row >= len(self._out) - 1:
             self._out = np.concatenate((self._out, np.zeros_like(self._out)))
         row = self._out[self._row]
@@ -182,7 +185,7 @@ class Motion:
         row[la.DURATION], row[la.PIECE_OUTPUTS], row[la.PIECE_LINE], row[la.PIECE_SPEED] = (
             dt,
             self.outputs,
-            self.line,
+            self.line or (self._last_line if is_timed else 0.0),
             0.0,
         )
         row[la.FROM : la.FROM + self.n] = here

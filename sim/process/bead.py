@@ -32,6 +32,7 @@ REACH_HEIGHTS = 1.5  # of the bead's height below the pool's plane: what lies de
 REACH_WIDTHS = 0.25  # of its width, for flat beads: they are molten that deep
 WIDEST_MM = 12.0  # of a pool: no set-points of a material's window come near, and the stock makes room for it
 TALLEST_MM = 10.0  # of what one piece fills, from the lowest column that it touches
+THIN_MM = 0.01  # high: a bead of so little powder is a remelted surface
 RUN_MM = 1.5  # of path that a window of the stock is opened for
 ACROSS = 1e-3  # component of gravity across the axis below which the pool does not run
 # columns of a piece; POOL_SPEED 0 is time without a pool, LINE the N-word, MOVE the piece of the trace that ended it
@@ -306,7 +307,7 @@ def lay(
                 if volume > 0.0:
                     held, laid[n, UNSUPPORTED] = settle_volume(window, cell, band, pool, box, volume)
                     laid[n, CATCH] = held * law.melt.density * 60.0 / (piece[POWDER] * piece[SECONDS])
-                else:
+                if pool.height < THIN_MM:
                     close_window(blocks, frame, window, mark)
                     remelt(blocks, frame, window, pool, box, mark)
             sums[0] += volume
