@@ -74,7 +74,8 @@ class Tilted(Writer):
 
 def axis_at(deg: float) -> Array:
     """(3,) float   Tool axis in the build frame."""
-    return turned(deg).T @ np.array([0.0, 0.0, 1.0])
+    axis: Array = turned(deg).T @ np.array([0.0, 0.0, 1.0])
+    return axis
 
 
 def pass_of(w: Tilted, start: Array, end: Array, deg: float, feed_mm_s: float, operation: int) -> int:
