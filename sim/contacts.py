@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.findings import Findings, Place
-from sim.machine import Machine
-from sim.process.metal import Engagement, Metal
+from sim.machine import Hit, Machine
+from sim.plant.io import InputsOutputs
+from sim.process.metal import Engagement, Laid, Metal
 from sim.process.target import Target
+from sim.trace import Trace
 from sim.watch import Watch
-from sim.world import World
 
 Floats = NDArray[np.float64]
 
@@ -21,7 +22,11 @@ CUT_COLUMNS = 6  # line, depth below the part's surface, place, tool
 
 
 class Contacts:
-    """Looks at each step after its metal was added and cut.
+    """Stands between the World and its metal: `apply` gets every trace, `step` tells what it brought.
+
+    What must not touch is looked at after beads are laid, but before a cutter cuts: metal that it takes away within the step is still
+    there. Only where something touches (or comes nearer than ever) the step is gone through again, piece by piece, each looked at before
+    its own cut: what a cutter has cleared for its shank in the pieces before is then gone.
 
     gouge_mm : how deep a cut may go below the part's surface. A layer that is faced before the next one is laid is cut below it too:
         what counts is what still lacks metal at the end.
@@ -29,22 +34,63 @@ class Contacts:
     """
 
     def __init__(
-        self, machine: Machine, metal: Metal, target: Target, watch: Watch, findings: Findings, gouge_mm: float, clearance_mm: float
+        self, machine: Machine, io: InputsOutputs, metal: Metal, target: Target, watch: Watch, findings: Findings,
+        gouge_mm: float, clearance_mm: float,
     ) -> None:  # fmt: skip
-        self._machine, self._metal, self._target, self._watch, self._findings = machine, metal, target, watch, findings
+        self._machine, self._io, self._metal, self._target, self._watch, self._findings = machine, io, metal, target, watch, findings
         self._gouge_mm, self._limit_mm = gouge_mm, clearance_mm
         self._deep: list[Floats] = []
+        self._cuts_told: list[Engagement] = []
+        self._hits: list[Hit] = []
 
     @property
     def clearance_mm(self) -> float | None:
         """Least gap between bodies that must not touch, mm; None when the cell states no bodies."""
         return self._machine.clearance_mm if self._machine.is_drawn else None
 
-    def step(self, world: World) -> None:
-        """Look at the last step of the World."""
-        for cut in self._metal.engaged:
+    def apply(self, trace: Trace) -> None:
+        """Add and cut metal along a trace, and keep what met what for `step`."""
+        metal, machine = self._metal, self._machine
+        if metal.lays(trace.tool) or not machine.is_drawn:
+            metal.apply(trace)
+            self._cuts_told += metal.engaged
+            self._hits += machine.check(trace, metal.stock, self._io.slide)
+            return
+        if machine.mounted != trace.tool:
+            metal.apply(trace.part(0, 0))  # the last bead's end stands before another tool moves
+            self._cuts_told += metal.engaged
+        before, clearance = machine.snapshot(), machine.clearance_mm
+        hits = machine.check(trace, metal.stock, self._io.slide)
+        if len(trace) and (hits or machine.clearance_mm < clearance):
+            machine.restore(before)
+            self._piece_by_piece(trace)
+            return
+        self._hits += hits
+        metal.apply(trace)
+        self._cuts_told += metal.engaged
+
+    def _piece_by_piece(self, trace: Trace) -> None:
+        """The same for a cutter, each piece looked at before its own cut."""
+        metal, machine = self._metal, self._machine
+        passed = np.cumsum(trace.dt)
+        begin, end = machine.slide, self._io.slide
+        laid = []
+        for n in range(len(trace)):
+            piece = trace.part(n, n + 1)
+            slide = begin + (end - begin) * float(passed[n] / passed[-1]) if n < len(trace) - 1 else end
+            self._hits += machine.check(piece, metal.stock, slide)
+            metal.apply(piece)
+            self._cuts_told += metal.engaged
+            laid.append(metal.laid)
+        metal.laid = Laid(*(np.concatenate(columns) for columns in zip(*laid, strict=True)))
+
+    def step(self) -> None:
+        """Tell what the last step of the World brought; after the Watch has seen it."""
+        cuts, hits = self._cuts_told, self._hits
+        self._cuts_told, self._hits = [], []
+        for cut in cuts:
             self._note_cut(cut)
-        for hit in self._machine.check(world.trace, self._metal.stock, world.io.slide):
+        for hit in hits:
             text = f"{hit.moving} goes {hit.depth_mm:.2f} mm into {hit.other}"
             self._findings.add("collision", text, hit.line, at_mm=_place(hit.at_mm), depth_mm=hit.depth_mm)
 

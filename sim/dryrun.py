@@ -30,7 +30,7 @@ from sim.world import World
 Array = NDArray[np.float64]
 
 STEP_S = 0.4  # of process time; motion inside a step is exact, and the metal does not depend on it
-CUT_STEP_S = 0.2  # with a cutter: what must not touch is looked at after the step's cuts, so they shall not be far ahead
+LONG_STEPS = 2.5  # of STEP_S: a step while nothing is due
 WAIT_STEP_S = 0.1  # while a barrier waits for the plant
 FINE_STEP_S = 0.005  # while set-points change with the lines
 BOUNDARY_STEP_S = 0.1  # while the planner may take the last lines of a layer: it shall not run dry where lines wait for the step's end
@@ -97,11 +97,10 @@ class DryRun:
             self.stock.guard(self.target)
         self.metal.layer_of_line = np.concatenate((np.zeros(1), program.table["layer"])).astype(np.int16)
         self.devices = {role: load_device(link.device) for role, link in cell.links.items()}
-        self.world = World(cell, self.devices, metal=self.metal, dead_man=False)
+        self.world = World(cell, self.devices, dead_man=False)
         self.controller = IdealController(program, self.world, layer_begins(program))
         self.world.cnc.supply = self.controller.supply
         self.before, self.findings = Findings(program), Findings(program)  # seen without a run; seen in the run
-        self._heads = {tool.number for tool in cell.tools if tool.kind == "deposition"}
         self.resumed_at = 0
         self._checkpoints: Checkpoints | None = None
         self._places: dict[int, Place] = {}
@@ -109,7 +108,10 @@ class DryRun:
         self.watch = Watch(program, cell, self.material, build_from_table, self.findings)
         gouge_mm = thresholds_of(program, cell, material)["gouge_mm"]
         machine = Machine(cell, self.world.chain, build_from_table)
-        self.contacts = Contacts(machine, self.metal, self.target, self.watch, self.findings, gouge_mm, cell.proof.clearance_mm)
+        self.contacts = Contacts(
+            machine, self.world.io, self.metal, self.target, self.watch, self.findings, gouge_mm, cell.proof.clearance_mm
+        )  # fmt: skip
+        self.world.metal = self.contacts
 
     def _bounds(self, stock: TriangleMesh | None) -> Array:
         """(2, 3) float, mm   Box of the part and of what it is cut from, build frame."""
@@ -199,7 +201,7 @@ class DryRun:
         self.controller.begin_step(step_s)
         self.world.step(step_s)
         self.watch.step(self.world, self.controller, self.metal.laid)
-        self.contacts.step(self.world)
+        self.contacts.step()
         for text in self.world.cnc.transmit().decode("latin-1").splitlines():
             self.controller.hear(text)
             self._hear(text)
@@ -216,7 +218,7 @@ class DryRun:
             return WAIT_STEP_S
         if self.controller.boundary_near:
             return BOUNDARY_STEP_S
-        return STEP_S if self.world.cnc.machine.tool in self._heads else min(CUT_STEP_S, STEP_S)
+        return min(max(STEP_S, self.controller.quiet_s), LONG_STEPS * STEP_S)
 
     def _check_after(self) -> None:
         deposits = self.program.process in ("hybrid", "deposit")

@@ -94,6 +94,16 @@ class IdealController:
         return line <= self.executing + NEAR_LINES and not 0 < self.boundary <= line
 
     @property
+    def quiet_s(self) -> float:
+        """Length of a step in which nothing is due and whose end finds motion enough for lines to wait; 0 if a set-point may be due.
+
+        What is not sent yet cannot move before the planned blocks are done, and those take no less than `planned_s`.
+        """
+        if self._next_event < len(self._event_lines) and self._event_lines[self._next_event] < self.next_line:
+            return 0.0
+        return max(0.0, 0.5 * (self._world.cnc.machine.motion.planned_s() - HOLD_MARGIN_S))
+
+    @property
     def boundary(self) -> int:
         """N-word of the next line that begins a layer, 0: none."""
         return self._boundaries[self._passed] if self._passed < len(self._boundaries) else 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,3 +42,8 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.dt)
+
+    def part(self, first: int, last: int) -> Trace:
+        """Pieces from `first` to `last` (exclusive)."""
+        columns = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Trace(**{name: value[first:last] if isinstance(value, np.ndarray) else value for name, value in columns.items()})

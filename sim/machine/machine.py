@@ -97,8 +97,20 @@ class Machine:
         """Least gap so far between things that must not touch, mm; capped (at least 2 mm, and twice the cell's limit)."""
         return float(self._state.nearest[3])
 
+    @property
+    def mounted(self) -> int:
+        """Number of the tool in the spindle at the last check, -1 before the first."""
+        return int(self._tool)
+
+    @property
+    def slide(self) -> float:
+        """Of the deposition head at the end of the last check, 0 parked to 1 deployed; -1 before the first."""
+        return self._slide
+
     def check(self, trace: Trace, stock: Stock, slide: float) -> list[Hit]:
-        """Watch one step, after its metal was added and cut. slide : of the deposition head at its end, 0 parked to 1 deployed.
+        """Watch one step against the stock as it stands: after beads were laid, before cuts.
+
+        slide : of the deposition head at its end, 0 parked to 1 deployed
 
         One Hit for each pair and line, the deepest; in order of the pieces. Nothing that moves more than 0.5 mm through another is missed.
         """

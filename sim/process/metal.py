@@ -97,6 +97,10 @@ class Metal:
         """Temperature of the part, K."""
         return float(self.heat[0])
 
+    def lays(self, tool: int) -> bool:
+        """Whether a tool is a deposition head."""
+        return tool in self._laws
+
     def apply(self, trace: Trace) -> None:
         """Add and remove metal along the pieces of one trace; `engaged` and `laid` tell of it."""
         self.engaged = []
