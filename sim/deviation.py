@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BINS = 81
-REACH_TOLERANCES = 4.0  # of the histogram, both ways
+BINS = 85  # one of them in the middle
+PER_TOLERANCE = 10.5  # bins from nothing to the tolerance, which lies between two of them: what is beyond it can be counted
+REACH_TOLERANCES = 0.5 * BINS / PER_TOLERANCE  # of the histogram, both ways: 4.05
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class LayerDeviation:
 class Histogram:
     """How many area-uniform samples deviate by how much.
 
-    edges_mm : (BINS + 1,) from -4 to +4 tolerances   counts : (BINS,), the first and the last also hold what lies beyond
+    edges_mm : (BINS + 1,) from -REACH_TOLERANCES to +REACH_TOLERANCES   counts : (BINS,), the first and the last also hold what lies beyond
     """
 
     edges_mm: tuple[float, ...]
@@ -81,7 +82,7 @@ def rounded(figures: dict[str, float]) -> dict[str, float]:
 
 def histogram(deviation: Array, tolerance_mm: float) -> Histogram:
     """Counts of signed deviations in BINS equal bins. deviation : (n,) float, mm   tolerance_mm : > 0"""
-    edges = np.linspace(-REACH_TOLERANCES, REACH_TOLERANCES, BINS + 1) * tolerance_mm
+    edges = (np.arange(BINS + 1) - 0.5 * BINS) / PER_TOLERANCE * tolerance_mm
     place = np.clip(np.searchsorted(edges, deviation, side="right") - 1, 0, BINS - 1)
     return Histogram(tuple(edges.tolist()), tuple(np.bincount(place, minlength=BINS).tolist()))
 

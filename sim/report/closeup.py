@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sim.picture import AMBIENT, DIFFUSE, PAPER, STEEL, rasterise, shading
 from sim.report.chart import number, path
 from sim.report.markup import Node, tag
+from sim.report.silhouette import Outline, Stand, hull_of
 
 Array = NDArray[np.float64]
 Mesh = tuple[Array, NDArray[np.int64], Array]
@@ -22,7 +23,8 @@ Mesh = tuple[Array, NDArray[np.int64], Array]
 WIDE, HIGH = 360, 270  # size of the picture in the page's units
 FINE = 4  # pixels of the drawing for each of these; halved for smooth edges
 HALF_MM = 8.0  # half of the width shown
-REACH_MM = 3.0 * HALF_MM  # metal farther from the place is left out: its cut edge lies outside the picture
+HALF_OF_BODIES_MM = 24.0  # the same where bodies met: a holder's width
+REACH_HALVES = 3.0  # half widths from the place: metal farther away is left out, its cut edge lies outside the picture
 HIDDEN_MM = 0.5  # a place this far behind the metal in front of it is not seen
 ELEVATIONS = (0.55, 0.15, 1.2)  # rad, of the directions tried
 AZIMUTHS = 8
@@ -119,29 +121,63 @@ def png_of(image: Array) -> bytes:
     return out.getvalue()
 
 
-def closeup(mesh: Mesh, at: Array, commanded: list[Array], here: Array, limit_mm: float, words: str) -> Node:
+def closeup(
+    mesh: Mesh, at: Array, commanded: list[Array], here: Array, limit_mm: float, words: str, stand: Stand | None = None, half_mm: float = HALF_MM
+) -> Node:  # fmt: skip
     """The picture of one place.
 
     at : (3,) mm, build frame   commanded : polylines (n, 3) of the path before and after   here : (n, 3) path of the line at fault
     limit_mm : where the colours end   words : what it shows, for those who cannot see it
+    stand : the tool and what it met, drawn as outlines over the metal   half_mm : half of the width shown
     """
-    piece = around(mesh, at, REACH_MM)
+    piece = around(mesh, at, REACH_HALVES * half_mm)
     towards = first_seen_from(piece, at)
-    scale = WIDE * FINE / 2 / (2.0 * HALF_MM)
+    scale = WIDE * FINE / 2 / (2.0 * half_mm)
     image = draw(piece, Camera(at, towards, scale, WIDE * FINE // 2, HIGH * FINE // 2), limit_mm)
-    page = Camera(at, towards, WIDE / (2.0 * HALF_MM), WIDE, HIGH)
+    page = Camera(at, towards, WIDE / (2.0 * half_mm), WIDE, HIGH)
     drawn: list[Node | None] = [
         tag("image", href=data_uri(png_of(image)), x=0, y=0, width=WIDE, height=HIGH),
         *(_stroke(page, run, "path-near") for run in commanded),
+        *(_bodies(page, stand) if stand else ()),
         _stroke(page, here, "path-halo"),
         _stroke(page, here, "path-here"),
         *_mark(),
         _ruler(page.scale),
         _compass(page),
         None if len(piece[1]) else tag("text", "no metal stands here", x=WIDE / 2, y=HIGH - 40, class_="note middle"),
+        *(_names(stand) if stand else ()),
         tag("rect", x=0.5, y=0.5, width=WIDE - 1, height=HIGH - 1, class_="frame"),
     ]
     return tag("svg", *drawn, viewBox=f"0 0 {WIDE} {HIGH}", role="img", aria_label=words, class_="closeup")
+
+
+def _bodies(camera: Camera, stand: Stand) -> list[Node | None]:
+    """Outlines of the bodies as seen, and the tool's axis with its tip."""
+    drawn: list[Node | None] = [_outline(camera, outline) for outline in stand.outlines]
+    tip = camera.project(stand.axis[:1])[0]
+    spot = tag("circle", cx=round(float(tip[0]), 1), cy=round(float(camera.high - tip[1]), 1), r=3, class_="tip")
+    return [*drawn, _stroke(camera, stand.axis, "tool-axis"), spot]
+
+
+def _outline(camera: Camera, outline: Outline) -> Node | None:
+    """The silhouette of one convex body."""
+    corners = hull_of(camera.project(outline.points)[:, :2])
+    if len(corners) < 3:
+        return None
+    closed = path(corners[:, 0], camera.high - corners[:, 1]) + "z"
+    return tag("path", tag("title", outline.name), d=closed, class_="body-tool" if outline.is_tool else "body-met")
+
+
+def _names(stand: Stand) -> list[Node]:
+    """Which outlines are whose, in the upper left corner."""
+    groups = [("tool", [each.name for each in stand.outlines if each.is_tool]), ("met", [each.name for each in stand.outlines if not each.is_tool])]
+    lines = [(kind, ", ".join(dict.fromkeys(names))) for kind, names in groups if names]
+    wide = 34.0 + 5.2 * max((len(text) for _, text in lines), default=0)
+    drawn: list[Node] = [tag("rect", x=6, y=6, width=wide, height=4 + 14 * len(lines), class_="paper")]
+    for row, (kind, text) in enumerate(lines):
+        drawn.append(tag("path", d=f"M11 {15 + 14 * row}h14", class_=f"body-{kind}"))
+        drawn.append(tag("text", text, x=30, y=18.5 + 14 * row, class_="note"))
+    return drawn
 
 
 def _stroke(camera: Camera, points: Array, class_: str) -> Node | None:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from config import Cell
 from sim import job as facts
 from sim.job import Job
 from sim.report.chart import number
-from sim.report.closeup import Mesh, closeup
+from sim.report.closeup import HALF_MM, HALF_OF_BODIES_MM, Mesh, closeup
 from sim.report.markup import Node, table, tag
+from sim.report.silhouette import Scene, mode_of
 
 if TYPE_CHECKING:
     from sim.findings import Finding
@@ -23,15 +25,15 @@ Array = NDArray[np.float64]
 PICTURES_MAX = 16  # of places: enough to see what is wrong, and the page stays small
 TEXT_LINES = 2  # of the Program shown before and after the line at fault
 PATH_LINES = 80  # of the commanded path drawn before and after
-MODES = {facts.SAFE: "safe", facts.DEPOSIT: "deposition", facts.MILL: "milling"}
+OF_BODIES = ("collision", "clearance", "gouge", "rapid in metal", "spindle off")  # kinds whose picture shows the tool, and what it met
+WIDE_VIEW = ("collision", "clearance")
+MODES: dict[int | None, str] = {facts.SAFE: "safe", facts.DEPOSIT: "deposition", facts.MILL: "milling"}
 SIGNS = {"error": "\N{BALLOT X} error", "warning": "\N{WARNING SIGN}\N{VARIATION SELECTOR-15} warning"}
 
 
 def mode_at(program: Job, line: int) -> str:
     """What the cell is set to do at a line: the last mode of the schedule up to it; empty before the first."""
-    entries = program.schedule
-    modes = entries["value"][(entries["channel"] == facts.MODE) & (entries["n"] <= line)]
-    return MODES.get(int(modes[-1]), "") if len(modes) else ""
+    return MODES.get(mode_of(program, line), "")
 
 
 def commanded_at(program: Job, line: int) -> Array | None:
@@ -70,7 +72,7 @@ def where(finding: Finding, program: Job) -> str:
     return ", ".join(words)
 
 
-def section(proof: Proof, program: Job) -> list[Node]:
+def section(proof: Proof, program: Job, cell: Cell) -> list[Node]:
     """Table and pictures of all findings, errors first."""
     if not proof.findings:
         return [tag("h2", "Findings"), tag("p", "None: nothing that the twin checks went wrong on any line.")]
@@ -90,7 +92,8 @@ def section(proof: Proof, program: Job) -> list[Node]:
     names = ("No.", "Severity", "What", "Where (build frame)", "#Extent", "#Seen", "What would help")
     seen = [(index, finding, place_of(finding, program)) for index, finding in enumerate(ranked, 1)]
     placed = [(index, finding, at) for index, finding, at in seen if at is not None]
-    pictures = [_place(index, finding, at, proof, program) for index, finding, at in placed[:PICTURES_MAX]]
+    scene = Scene(program, cell) if placed and proof.built is not None else None
+    pictures = [_place(index, finding, at, proof, program, scene) for index, finding, at in placed[:PICTURES_MAX]]
     return [
         tag("h2", f"Findings ({len(ranked)})"),
         table(names, rows, "findings"),
@@ -105,19 +108,22 @@ def _intro(places: int, tolerance_mm: float) -> list[Node]:
     only = f" The first {PICTURES_MAX} of {places} places are shown." if places > PICTURES_MAX else ""
     words = (
         "Each place in the metal as it stands at the end of the run: the ring marks it, the heavy line is the path of the line at fault,"
-        f" thin lines the path before and after, as commanded. Colours as above, \N{PLUS-MINUS SIGN}{number(2.0 * tolerance_mm)} mm."
+        " thin lines the path before and after, as commanded. Outlines show the tool, its axis and tip (full), and the body it met (dashed),"
+        f" where the line comes nearest to the place. Colours as above, \N{PLUS-MINUS SIGN}{number(2.0 * tolerance_mm)} mm."
     )
     return [tag("p", words + only, class_="soft")]
 
 
-def _place(index: int, finding: Finding, at: Array, proof: Proof, program: Job) -> Node:
+def _place(index: int, finding: Finding, at: Array, proof: Proof, program: Job, scene: Scene | None) -> Node:
     """Close-up and text of one place."""
     title = f"{index}. {finding.kind}: {unbroken(where(finding, program))}"
     picture = None
     if proof.built is not None:
         before, here, after = _paths(program, finding.line)
         mesh: Mesh = proof.built
-        picture = closeup(mesh, at, [before, after], here, 2.0 * proof.tolerance_mm, title)
+        stand = scene.at(finding) if scene is not None and finding.kind in OF_BODIES else None
+        half_mm = HALF_OF_BODIES_MM if stand is not None and finding.kind in WIDE_VIEW else HALF_MM
+        picture = closeup(mesh, at, [before, after], here, 2.0 * proof.tolerance_mm, title, stand, half_mm)
     return tag("figure", tag("h3", title), picture, excerpt(program, finding.line), class_="place")
 
 

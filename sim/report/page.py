@@ -41,7 +41,7 @@ def html(proof: Proof, program: Documented, cell: Cell, material: Material | Non
         _verdict(proof),
         *_thresholds(checks_of(proof)),
         *surface.section(proof),
-        *found.section(proof, program),
+        *found.section(proof, program, cell),
         *course.section(proof, program),
         *closing.section(proof, cell, powder),
     )

@@ -73,6 +73,9 @@ svg .path-near{fill:none;stroke:#1b2027;stroke-width:.7;stroke-opacity:.65}
 svg .path-halo{fill:none;stroke:#fff;stroke-width:4.5;stroke-opacity:.9;stroke-linecap:round}
 svg .path-here{fill:none;stroke:#111;stroke-width:2.2;stroke-linecap:round}
 svg .mark-halo{fill:none;stroke:#fff;stroke-width:5}svg .mark{fill:none;stroke:#c01414;stroke-width:2}
+svg .body-tool{fill:#1f5fa8;fill-opacity:.16;stroke:#123f73;stroke-width:1.3;stroke-linejoin:round}
+svg .body-met{fill:#7a5200;fill-opacity:.14;stroke:#7a5200;stroke-width:1.3;stroke-dasharray:5 2}
+svg .tool-axis{fill:none;stroke:#123f73;stroke-width:1;stroke-dasharray:9 3 2 3}svg .tip{fill:#fff;stroke:#123f73;stroke-width:1.4}
 svg .paper{fill:#fff;fill-opacity:.82}svg .ruler{fill:none;stroke:#1b2027;stroke-width:1.6}
 @page{size:A4;margin:14mm 12mm}
 @media print{body{margin:0;padding:0;max-width:none;font-size:9.5pt;-webkit-print-color-adjust:exact;print-color-adjust:exact}

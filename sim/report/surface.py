@@ -58,13 +58,14 @@ def _histogram(proof: Proof) -> Node | None:
     if proof.histogram is None or not sum(proof.histogram.counts):
         return None
     edges = np.asarray(proof.histogram.edges_mm, dtype=np.float64)
-    percent = 100.0 * np.asarray(proof.histogram.counts, dtype=np.float64) / float(sum(proof.histogram.counts))
+    counts = np.asarray(proof.histogram.counts)
+    percent = 100.0 * counts / float(counts.sum())
     middle = 0.5 * (edges[1:] + edges[:-1])
     outside = np.abs(middle) > proof.tolerance_mm
     x, y = Scale(float(edges[0]), float(edges[-1]), "deviation, mm"), Scale(LEAST_PERCENT, 100.0, "share, % (log)", log=True)
     frame = Frame(x, y, 165.0, width=NARROW)
     foot = np.full(len(percent), LEAST_PERCENT)
-    below, above = float(percent[middle < -proof.tolerance_mm].sum()), float(percent[middle > proof.tolerance_mm].sum())
+    below, above = int(counts[middle < -proof.tolerance_mm].sum()), int(counts[middle > proof.tolerance_mm].sum())
     classes = ((~outside, "bar"), (outside, "bar-out"))
     drawn = [
         frame.axes(),
@@ -73,8 +74,8 @@ def _histogram(proof: Proof) -> Node | None:
         frame.upright(proof.tolerance_mm),
     ]
     words = (
-        f"Histogram of the deviation. Dashed: the tolerance; about {below:.2f} % of the surface lies more than that below the part's,"
-        f" {above:.2f} % above. The first and the last bar also hold what lies beyond"
+        f"Histogram of the deviation at {counts.sum()} points. Dashed: the tolerance; {below} points ({below / counts.sum():.2%}) lie more than"
+        f" that below the part's surface, {above} ({above / counts.sum():.2%}) above. The first and the last bar also hold what lies beyond"
     )
     return tag("figure", svg(TOP + frame.height + BOTTOM, words, *drawn, width=NARROW), tag("figcaption", words + "."))
 

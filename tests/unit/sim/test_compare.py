@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim import as_built
 from sim.compare import compare, difference, measure, paths_along
-from sim.deviation import BINS, histogram
+from sim.deviation import BINS, REACH_TOLERANCES, histogram
 from sim.process.stock import Stock
 from sim.process.target import Target
 from tests.unit.sim.metal_bench import MATERIAL, UP, vector
@@ -131,7 +131,8 @@ def test_histogram_counts_every_sample_once_and_the_tails_at_its_ends() -> None:
     values = np.array([-9.0, -0.41, -0.39, 0.0, 0.0, 0.39, 0.41, 9.0])
     made = histogram(values, 0.1)
     assert len(made.counts) == BINS and len(made.edges_mm) == BINS + 1
-    assert made.edges_mm[0] == pytest.approx(-0.4) and made.edges_mm[-1] == pytest.approx(0.4)
+    assert made.edges_mm[0] == pytest.approx(-0.1 * REACH_TOLERANCES) and made.edges_mm[-1] == pytest.approx(0.1 * REACH_TOLERANCES)
+    assert 4.0 < REACH_TOLERANCES < 4.1 and {-0.1, 0.1} <= set(made.edges_mm)  # what lies beyond the tolerance can be counted
     assert (made.counts[0], made.counts[BINS // 2], made.counts[-1], sum(made.counts)) == (2, 2, 2, len(values))
     target = target_of(trimesh.creation.box((10.0, 8.0, 3.0)))
     measured = measure(stock_of(target, ([-5.0, -4.0, -1.0], [5.0, 4.0, 3.0])), target, tolerance_mm=0.1)
