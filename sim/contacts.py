@@ -122,9 +122,12 @@ class Contacts:
         stock = self._metal.stock
         gone_mm = GONE_CELLS * stock.cell_mm
         deep = self._cuts()
-        deep = deep[stock.distance(deep[:, 2:5]) > -gone_mm] if len(deep) else deep
         if not len(deep):
             return deep
+        below = self._target.signed_distance(deep[:, 2:5])
+        open_mm = np.minimum(deep[:, 1] + below, stock.band_mm)  # from the place to the cut; negative: it lies in metal below the gouge
+        is_open = stock.distance(deep[:, 2:5]) > open_mm - gone_mm
+        deep, below = deep[is_open], below[is_open]
         places = deep[:, 2:5]
         normal = np.empty_like(places)
         for d in range(3):
@@ -132,7 +135,7 @@ class Contacts:
             step[d] = gone_mm
             normal[:, d] = self._target.signed_distance(places + step) - self._target.signed_distance(places - step)
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
-        deep[:, 2:5] = places - normal * (self._target.signed_distance(places) + 0.5 * deep[:, 1])[:, None]  # halfway down the gouge
+        deep[:, 2:5] = places - normal * (below + 0.5 * deep[:, 1])[:, None]  # halfway down the gouge
         missing: Floats = deep[stock.distance(deep[:, 2:5]) > 0.0]
         return missing
 

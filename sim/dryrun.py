@@ -69,6 +69,8 @@ def prove(
     run = DryRun(program, cell, mesh, material or load_material(program.material), stock, cell_mm)
     if checkpoints is not None:
         run.resume(Checkpoints(checkpoints, lambda line: progress(0.0, line) if progress is not None else None), mesh, stock)
+        if run.resumed_at and progress is not None:
+            progress(0.0, f"resumed at layer {program.table['layer'][run.resumed_at - 1]}, line N{run.resumed_at}")
     run.execute(progress, cancelled)
     return run.conclude()
 

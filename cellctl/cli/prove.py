@@ -15,6 +15,23 @@ if TYPE_CHECKING:
     from planner.program import Program
     from sim.proof import Proof
 
+OF_CHECKPOINTS = ("resumed", "checkpoint")  # how words of the proof begin that tell what became of states kept before
+
+
+class Course:
+    """Passes the proof's progress on, and keeps what it says of checkpoints."""
+
+    def __init__(self, report: output.Report) -> None:
+        self.notes: list[str] = []
+        self._report = report
+
+    def __call__(self, fraction: float, word: str) -> None:
+        """One word of the proof, and how much of it is done, 0 to 1."""
+        if word.startswith(OF_CHECKPOINTS):
+            self.notes.append(word)
+        else:
+            self._report(f"proving: {word}", fraction)
+
 
 def _program_of(path: Path, cell: Cell) -> tuple[Program, Path | None]:
     """A program's folder read, or a plan posted for the cell and the stock that its recipe names."""
@@ -63,18 +80,21 @@ def prove(
         report("posting", 0.0)
         given, named = _program_of(program, facts)
         raw = stock or named
+        course = Course(report)
         proof = make_proof(
             given,
             facts,
             part,
             stock=load(existing_file(raw, "stock's mesh file")) if raw else None,
             cell_mm=cell_mm,
-            progress=lambda fraction, word: report(f"proving: {word}", fraction),
+            progress=course,
             checkpoints=checkpoints,
         )
         if html is not None:
             report("writing the report", 1.0)
             _write(html, report_of(proof, given, facts).encode())
+    for note in course.notes:
+        typer.echo(_plain(note), err=True)
     if png is not None and proof.picture:
         _write(png, proof.picture)
     if json:
