@@ -343,6 +343,7 @@ def lay_pieces(field: Field, law: PoolLaw, pieces: Array, mark_of_line: NDArray[
     edge = BLOCK * field.cell_mm
     room = int((WIDEST_MM / edge + 3.0) ** 2 * (TALLEST_MM / edge + 3.0))
     done = 0
+    field.refresh_if_due()
     while done < len(pieces):
         field.reserve_blocks(room)
         done = lay(field.blocks, law, pieces, done, mark_of_line, state, laid, sums, room)

@@ -1,4 +1,8 @@
-"""Metal removed where a turning cutter sweeps: the stock minus the swept volume, block by block."""
+"""Metal removed where a turning cutter sweeps: the stock minus the swept volume, block by block.
+
+The distance to the sweep changes by no more than the way between two points: one look at the middle of a block, and of each of its
+eighths, tells which cells cannot change. An upright axis has a shorter way (`upright`).
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim.process.field import AIR, BLOCK, METAL, SHIFT, Blocks, drop_block, open_block
+from sim.process.field import AIR, BLOCK, METAL, SHIFT, Blocks, open_block
+from sim.process.removal import ENGAGED, ENGAGED_AT, GOUGE, GOUGE_AT, LOOKED, cut_cell, drop_air, place_of, remove_block
 from sim.process.sweep import Sweep, is_plain, pieces_of, sweep_bound, sweep_box, sweep_distance, sweep_of
+from sim.process.upright import remove_upright
+
+__all__ = ["ENGAGED", "ENGAGED_AT", "GOUGE", "GOUGE_AT", "Cut", "remove_pieces", "room_of"]
 
 Array = NDArray[np.float64]
 
 HALF_DIAGONAL = 0.5 * np.sqrt(3.0) * (BLOCK - 1)  # cells, from the middle of a block to its farthest cell
-TOUCH = 0.02  # of a cell: a cutter that takes less, or goes below the target by less, only rounds differently
-ENGAGED, GOUGE, REMOVED = 0, 1, 2  # columns of what a piece did
-ENGAGED_AT, GOUGE_AT = 3, 6  # first of three
-TOLD = 9  # columns
+PART = 4  # cells along an edge of the eighth of a block
+PART_DIAGONAL = 0.5 * np.sqrt(3.0) * (PART - 1)
+UPRIGHT = 1.0 - 1e-12  # z of an axis from which no cell is off by more than 1e-6 of its way
 
 
 class Cut(NamedTuple):
@@ -97,9 +104,12 @@ def has_room(blocks: Blocks, sweep: Sweep) -> bool:
 @njit(cache=True, nogil=True)
 def remove_sweep(blocks: Blocks, guard: Blocks, sweep: Sweep, mark: int, told: Array) -> None:
     """Cut one sweep. Blocks of air are passed over, blocks inside the sweep become air; only the rest is looked at cell by cell."""
+    first, last = box_of(blocks, sweep)
+    if is_plain(sweep) and sweep.uz >= UPRIGHT:
+        remove_upright(blocks, guard, sweep, first, last, mark, told)
+        return
     cell, band = blocks.size[0], blocks.size[1]
     middle, half = 0.5 * (BLOCK - 1) * cell, HALF_DIAGONAL * cell
-    first, last = box_of(blocks, sweep)
     for a in range(first[0], last[0]):
         x = blocks.origin[0] + a * BLOCK * cell + middle
         for b in range(first[1], last[1]):
@@ -120,100 +130,57 @@ def remove_sweep(blocks: Blocks, guard: Blocks, sweep: Sweep, mark: int, told: A
 
 
 @njit(cache=True, nogil=True)
-def tell(told: Array, column: int, at: int, depth: float, x: float, y: float, z: float) -> None:
-    """Keep the greatest depth and its place."""
-    if depth > told[column]:
-        told[column] = depth
-        told[at], told[at + 1], told[at + 2] = x, y, z
-
-
-@njit(cache=True, nogil=True)
-def filled(value: float, cell: float) -> float:
-    """Share of a cell that is metal."""
-    return float(min(1.0, max(0.0, 0.5 - value / cell)))
-
-
-@njit(cache=True, nogil=True)
-def gouge_of(guard: Blocks, a: int, b: int, c: int, i: int, j: int, k: int, taken: float, inside: float) -> float:
-    """Depth of a cut below the target's surface, as one cell next to both sees it, mm; negative: the cut keeps off.
-
-    taken : depth of the metal that went here, mm   inside : depth in the cutter, mm
-    A ball round the cell with radius `inside` is cut, one with radius -target is part: what they overlap by lies below the target's surface.
-    """
-    part = guard.directory[a, b, c]
-    if part == AIR:
-        return float(-guard.size[1])
-    target = -guard.size[1] if part == METAL else float(guard.value[part, i, j, k])
-    if target >= guard.size[1]:
-        return float(-guard.size[1])
-    return float(min(inside - target, guard.size[1]) if taken > TOUCH * guard.size[0] else -guard.size[1])
-
-
-@njit(cache=True, nogil=True)
-def remove_block(blocks: Blocks, guard: Blocks, a: int, b: int, c: int, told: Array) -> None:
-    """Make a block that lies deep inside the sweep air."""
-    cell, band = blocks.size[0], blocks.size[1]
-    block = blocks.directory[a, b, c]
-    is_guarded = guard.directory[a, b, c] != AIR
-    if block == METAL and not is_guarded:
-        i, j, k = (a * BLOCK + 3) * cell, (b * BLOCK + 3) * cell, (c * BLOCK + 3) * cell
-        tell(told, ENGAGED, ENGAGED_AT, band, blocks.origin[0] + i, blocks.origin[1] + j, blocks.origin[2] + k)
-        told[REMOVED] += BLOCK**3 * cell**3
-    else:
-        for i in range(BLOCK):
-            x = blocks.origin[0] + (a * BLOCK + i) * cell
-            for j in range(BLOCK):
-                y = blocks.origin[1] + (b * BLOCK + j) * cell
-                for k in range(BLOCK):
-                    z = blocks.origin[2] + (c * BLOCK + k) * cell
-                    value = -band if block == METAL else float(blocks.value[block, i, j, k])
-                    if value >= band:
-                        continue
-                    told[REMOVED] += filled(value, cell) * cell**3
-                    tell(told, ENGAGED, ENGAGED_AT, -value, x, y, z)
-                    if is_guarded and value < 0.0:
-                        tell(told, GOUGE, GOUGE_AT, gouge_of(guard, a, b, c, i, j, k, band - value, band), x, y, z)
-    drop_block(blocks, a, b, c, AIR)
-
-
-@njit(cache=True, nogil=True)
 def remove_cells(blocks: Blocks, guard: Blocks, sweep: Sweep, a: int, b: int, c: int, mark: int, told: Array) -> None:
-    """Cut the cells of a block that the surface of the sweep comes near to."""
+    """Cut the eighths of a block in which the sweep goes deeper than some cell's distance."""
     cell, band = blocks.size[0], blocks.size[1]
-    plain = is_plain(sweep)
-    block = int(blocks.directory[a, b, c])
-    is_guarded = guard.directory[a, b, c] != AIR
+    half, middle = PART_DIAGONAL * cell, 0.5 * (PART - 1) * cell
     cleared = False
-    for i in range(BLOCK):
-        x = blocks.origin[0] + (a * BLOCK + i) * cell
-        for j in range(BLOCK):
-            y = blocks.origin[1] + (b * BLOCK + j) * cell
-            k = 0
-            while k < BLOCK:
+    for i in range(0, BLOCK, PART):
+        for j in range(0, BLOCK, PART):
+            for k in range(0, BLOCK, PART):
+                block = int(blocks.directory[a, b, c])
+                least = np.float32(-band)
+                if block >= 0:
+                    part = blocks.value[block, i : i + PART, j : j + PART, k : k + PART]
+                    least = part.min()
+                if least >= np.float32(band):
+                    continue
+                x, y, z = place_of(blocks, a, b, c, i, j, k)
+                if half - sweep_bound(sweep, x + middle, y + middle, z + middle) <= least:
+                    continue
+                if half - sweep_distance(sweep, x + middle, y + middle, z + middle) <= least:
+                    continue
+                cleared |= remove_part(blocks, guard, sweep, a, b, c, i, j, k, mark, told)
+    if cleared:
+        drop_air(blocks, a, b, c)
+
+
+@njit(cache=True, nogil=True)
+def remove_part(
+    blocks: Blocks, guard: Blocks, sweep: Sweep, a: int, b: int, c: int, i0: int, j0: int, k0: int, mark: int, told: Array
+) -> bool:  # fmt: skip
+    """Cut one eighth of a block cell by cell; whether cells became air beyond the band."""
+    band, plain = blocks.size[1], is_plain(sweep)
+    block = int(blocks.directory[a, b, c])
+    cleared = False
+    for i in range(i0, i0 + PART):
+        for j in range(j0, j0 + PART):
+            for k in range(k0, k0 + PART):
                 value = -band if block < 0 else float(blocks.value[block, i, j, k])
                 if value >= band:
-                    k += 1
                     continue
-                z = blocks.origin[2] + (c * BLOCK + k) * cell
+                told[LOOKED] += 1
+                x, y, z = place_of(blocks, a, b, c, i, j, k)
                 inside = -sweep_bound(sweep, x, y, z)
                 if inside <= value:
-                    k += 1 + int(max(0.0, -inside - band) / cell)  # as many cells further the distance is still beyond the band
                     continue
                 if not plain:
                     inside = -sweep_distance(sweep, x, y, z)
                     if inside <= value:
-                        k += 1
                         continue
                 if block < 0:
                     block = open_block(blocks, a, b, c)
-                told[REMOVED] += (filled(value, cell) - filled(inside, cell)) * cell**3
-                if inside > 0.0 and value < 0.0:
-                    tell(told, ENGAGED, ENGAGED_AT, min(inside, -value), x, y, z)
-                if is_guarded:
-                    tell(told, GOUGE, GOUGE_AT, gouge_of(guard, a, b, c, i, j, k, inside - value, inside), x, y, z)
+                cut_cell(blocks, guard, a, b, c, i, j, k, value, inside, mark, told)
+                blocks.touched[a, b, c] = True
                 cleared |= inside >= band
-                blocks.value[block, i, j, k] = np.float32(min(band, inside))
-                blocks.mark[block, i, j, k] = np.int16(mark)
-                k += 1
-    if cleared and (blocks.value[block] >= np.float32(band)).all():
-        drop_block(blocks, a, b, c, AIR)
+    return cleared

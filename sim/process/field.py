@@ -3,172 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sim.process.blocks import (
+    AIR,
+    BLOCK,
+    MASK,
+    METAL,
+    SHIFT,
+    Blocks,
+    block_range,
+    distance_at,
+    drop_block,
+    gradient_at,
+    mark_at,
+    open_block,
+    put,
+    settle,
+    value_at,
+)
+from sim.process.redistance import redistance
+
+__all__ = [
+    "AIR",
+    "BLOCK",
+    "MASK",
+    "METAL",
+    "SHIFT",
+    "Blocks",
+    "Field",
+    "block_range",
+    "distance_at",
+    "drop_block",
+    "gradient_at",
+    "mark_at",
+    "open_block",
+    "put",
+    "settle",
+    "value_at",
+]
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-BLOCK = 8  # cells along an edge of a block
-SHIFT, MASK = 3, 7  # of a cell's index: its block, its place in the block
-AIR, METAL = -1, -2  # entries of the directory that are no block
 FIRST_BLOCKS = 64
+DUE_SHARE, DUE_BLOCKS = 0.5, 1024  # so many of the blocks in use, and more, may be written to before what metal buried is given back
 GROWTH = 1.5  # of the room for blocks; pages that no block has used yet take no memory
-
-
-class Blocks(NamedTuple):
-    """The arrays of a Field, as kernels take them. Fetch them anew after `Field.reserve`.
-
-    directory : (bx, by, bz) int32   Number of the block, AIR (all cells +band) or METAL (all cells -band).
-    value : (n, 8, 8, 8) float32, mm   Signed distance, negative in metal, within +-band.
-    mark : (n, 8, 8, 8) int16   What made the surface here: 0 clamped, > 0 bead of layer mark - 1, < 0 minus the number of the tool that cut.
-    free : (n,) int32   Stack of blocks that were given back.
-    count : (2,) int64   Length of that stack; blocks ever used.
-    origin : (3,) float, mm   Centre of cell (0, 0, 0).
-    size : (2,) float, mm   Edge of a cell, band.
-    """
-
-    directory: NDArray[np.int32]
-    value: NDArray[np.float32]
-    mark: NDArray[np.int16]
-    free: NDArray[np.int32]
-    count: NDArray[np.int64]  # type: ignore[assignment]  # tuple.count is not wanted here
-    origin: NDArray[np.float64]
-    size: NDArray[np.float64]
-
-
-@njit(cache=True, nogil=True)
-def value_at(blocks: Blocks, i: int, j: int, k: int) -> float:
-    """Signed distance at a cell's centre, mm; out of the grid: +band."""
-    bx, by, bz = blocks.directory.shape
-    if i < 0 or j < 0 or k < 0 or i >= bx * BLOCK or j >= by * BLOCK or k >= bz * BLOCK:
-        return float(blocks.size[1])
-    block = blocks.directory[i >> SHIFT, j >> SHIFT, k >> SHIFT]
-    if block >= 0:
-        return float(blocks.value[block, i & MASK, j & MASK, k & MASK])
-    return float(blocks.size[1] if block == AIR else -blocks.size[1])
-
-
-@njit(cache=True, nogil=True)
-def mark_at(blocks: Blocks, i: int, j: int, k: int) -> int:
-    """What made the surface at a cell; 0 far from any surface and out of the grid."""
-    bx, by, bz = blocks.directory.shape
-    if i < 0 or j < 0 or k < 0 or i >= bx * BLOCK or j >= by * BLOCK or k >= bz * BLOCK:
-        return 0
-    block = blocks.directory[i >> SHIFT, j >> SHIFT, k >> SHIFT]
-    return int(blocks.mark[block, i & MASK, j & MASK, k & MASK]) if block >= 0 else 0
-
-
-@njit(cache=True, nogil=True)
-def open_block(blocks: Blocks, a: int, b: int, c: int) -> int:
-    """Number of the block (a, b, c) of the directory; a uniform one gets cells of its own. Raises RuntimeError without room (`Field.reserve`)."""
-    block = blocks.directory[a, b, c]
-    if block >= 0:
-        return int(block)
-    fill = blocks.size[1] if block == AIR else -blocks.size[1]
-    if blocks.count[0] > 0:
-        blocks.count[0] -= 1
-        block = blocks.free[blocks.count[0]]
-    elif blocks.count[1] < blocks.value.shape[0]:
-        block = np.int32(blocks.count[1])
-        blocks.count[1] += 1
-    else:
-        raise RuntimeError("no room for another block: reserve it first")
-    blocks.value[block] = np.float32(fill)
-    blocks.mark[block] = np.int16(0)
-    blocks.directory[a, b, c] = block
-    return int(block)
-
-
-@njit(cache=True, nogil=True)
-def drop_block(blocks: Blocks, a: int, b: int, c: int, becomes: int) -> None:
-    """Make the block (a, b, c) uniform: AIR or METAL; its cells go back."""
-    block = blocks.directory[a, b, c]
-    if block >= 0:
-        blocks.free[blocks.count[0]] = block
-        blocks.count[0] += 1
-    blocks.directory[a, b, c] = becomes
-
-
-@njit(cache=True, nogil=True)
-def put(blocks: Blocks, i: int, j: int, k: int, value: float, mark: int) -> None:
-    """Set a cell, clipped to the band; opens its block when needed. Out of the grid: nothing. Raises RuntimeError without room."""
-    bx, by, bz = blocks.directory.shape
-    if i < 0 or j < 0 or k < 0 or i >= bx * BLOCK or j >= by * BLOCK or k >= bz * BLOCK:
-        return
-    band = blocks.size[1]
-    value = min(band, max(-band, value))
-    block = blocks.directory[i >> SHIFT, j >> SHIFT, k >> SHIFT]
-    if block < 0:
-        if value == (band if block == AIR else -band):
-            return
-        block = open_block(blocks, i >> SHIFT, j >> SHIFT, k >> SHIFT)
-    blocks.value[block, i & MASK, j & MASK, k & MASK] = np.float32(value)
-    blocks.mark[block, i & MASK, j & MASK, k & MASK] = np.int16(mark)
-
-
-@njit(cache=True, nogil=True)
-def settle(blocks: Blocks, low: Index, high: Index) -> None:
-    """Give back the blocks that became uniform. low, high : (3,) int, box of cells, high exclusive."""
-    first, last = block_range(blocks, low, high)
-    band = np.float32(blocks.size[1])
-    for a in range(first[0], last[0]):
-        for b in range(first[1], last[1]):
-            for c in range(first[2], last[2]):
-                block = blocks.directory[a, b, c]
-                if block < 0:
-                    continue
-                cells = blocks.value[block].ravel()
-                edge = cells[0]
-                if edge != band and edge != -band:
-                    continue
-                uniform = True
-                for n in range(cells.shape[0]):
-                    if cells[n] != edge:
-                        uniform = False
-                        break
-                if uniform:
-                    drop_block(blocks, a, b, c, AIR if edge > 0.0 else METAL)
-
-
-@njit(cache=True, nogil=True)
-def block_range(blocks: Blocks, low: Index, high: Index) -> tuple[Index, Index]:
-    """First and last (exclusive) entry of the directory, (3,) int each, that a box of cells touches; clipped to the grid."""
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    for d in range(3):
-        first[d] = min(max(0, low[d] >> SHIFT), blocks.directory.shape[d])
-        last[d] = max(first[d], min(blocks.directory.shape[d], (high[d] + MASK) >> SHIFT))
-    return first, last
-
-
-@njit(cache=True, nogil=True)
-def distance_at(blocks: Blocks, x: float, y: float, z: float) -> float:
-    """Signed distance at a point by trilinear interpolation, mm; beyond the grid that of the nearest cell."""
-    nx, ny, nz = blocks.directory.shape
-    cell = blocks.size[0]
-    u = min(max((x - blocks.origin[0]) / cell, 0.0), nx * BLOCK - 1.0)
-    v = min(max((y - blocks.origin[1]) / cell, 0.0), ny * BLOCK - 1.0)
-    w = min(max((z - blocks.origin[2]) / cell, 0.0), nz * BLOCK - 1.0)
-    i, j, k = min(int(u), nx * BLOCK - 2), min(int(v), ny * BLOCK - 2), min(int(w), nz * BLOCK - 2)
-    u, v, w = u - i, v - j, w - k
-    low = (value_at(blocks, i, j, k) * (1.0 - u) + value_at(blocks, i + 1, j, k) * u) * (1.0 - v)
-    low += (value_at(blocks, i, j + 1, k) * (1.0 - u) + value_at(blocks, i + 1, j + 1, k) * u) * v
-    high = (value_at(blocks, i, j, k + 1) * (1.0 - u) + value_at(blocks, i + 1, j, k + 1) * u) * (1.0 - v)
-    high += (value_at(blocks, i, j + 1, k + 1) * (1.0 - u) + value_at(blocks, i + 1, j + 1, k + 1) * u) * v
-    return float(low * (1.0 - w) + high * w)
-
-
-@njit(cache=True, nogil=True)
-def gradient_at(blocks: Blocks, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Gradient at a point by differences over one cell."""
-    h = 0.5 * blocks.size[0]
-    gx = distance_at(blocks, x + h, y, z) - distance_at(blocks, x - h, y, z)
-    gy = distance_at(blocks, x, y + h, z) - distance_at(blocks, x, y - h, z)
-    gz = distance_at(blocks, x, y, z + h) - distance_at(blocks, x, y, z - h)
-    return gx / (2.0 * h), gy / (2.0 * h), gz / (2.0 * h)
 
 
 @njit(cache=True, nogil=True)
@@ -243,13 +126,13 @@ class Field:
         self.band_mm = float(np.float32(band_mm))  # cells hold it exactly
         entries = tuple(max(1, -(-int(n) // BLOCK)) for n in cells)
         self.shape: tuple[int, int, int] = (entries[0] * BLOCK, entries[1] * BLOCK, entries[2] * BLOCK)
-        self._take(np.full(entries, AIR, dtype=np.int32), FIRST_BLOCKS, np.zeros(2, dtype=np.int64))
+        self._take(np.full(entries, AIR, dtype=np.int32), FIRST_BLOCKS, np.zeros(2, dtype=np.int64), np.zeros(entries, np.bool_))
 
-    def _take(self, directory: NDArray[np.int32], room: int, count: Index) -> None:
+    def _take(self, directory: NDArray[np.int32], room: int, count: Index, touched: NDArray[np.bool_]) -> None:
         shape = (room, BLOCK, BLOCK, BLOCK)
         self._blocks = Blocks(
             directory, np.empty(shape, np.float32), np.empty(shape, np.int16), np.empty(room, np.int32), count, self.origin,
-            np.array([self.cell_mm, self.band_mm]),
+            np.array([self.cell_mm, self.band_mm]), touched,
         )  # fmt: skip
 
     @property
@@ -270,9 +153,20 @@ class Field:
         room = len(old.value)
         if int(old.count[0]) + room - used >= more:
             return
-        self._take(old.directory, max(used + more, int(GROWTH * room)), old.count)
+        self._take(old.directory, max(used + more, int(GROWTH * room)), old.count, old.touched)
         self._blocks.value[:used], self._blocks.mark[:used] = old.value[:used], old.mark[:used]
         self._blocks.free[: old.count[0]] = old.free[: old.count[0]]
+
+    def refresh(self) -> None:
+        """Bring the cells near what was changed back to distances (`redistance`) and give uniform blocks back; measures do it by themselves."""
+        if self._blocks.touched.any():
+            redistance(self._blocks)
+            self._blocks.touched[:] = False
+
+    def refresh_if_due(self) -> None:
+        """`refresh` when much was written to since the last time: memory stays in proportion to the surface, the cost to what is written."""
+        if np.count_nonzero(self._blocks.touched) > DUE_SHARE * (self._blocks.count[1] - self._blocks.count[0]) + DUE_BLOCKS:
+            self.refresh()
 
     def dense(self, low: Index | tuple[int, ...], high: Index | tuple[int, ...]) -> NDArray[np.float32]:
         """Values of a window of cells, mm; beyond the grid +band. low, high : (3,) int, high exclusive."""
@@ -293,6 +187,7 @@ class Field:
 
         thickness : cells that a slab adds   overlap : cells that it repeats of the slab below (1: marching cubes meet)
         """
+        self.refresh()
         low, high = self.metal_box()
         for k in range(int(low[2]), int(high[2]), thickness):
             first = max(int(low[2]), k - overlap)
@@ -300,16 +195,19 @@ class Field:
 
     def distance(self, points: Array) -> Array:
         """Signed distance by trilinear interpolation, mm; beyond the grid that of the nearest cell. points : (n, 3) float, mm -> (n,) float"""
+        self.refresh()
         out: Array = _distances(self._blocks, np.ascontiguousarray(points, dtype=np.float64))
         return out
 
     def gradient(self, points: Array) -> Array:
         """Gradient by differences over one cell; at a surface nearly its unit normal out of the metal. points : (n, 3) float, mm -> (n, 3) float"""
+        self.refresh()
         out: Array = _gradients(self._blocks, np.ascontiguousarray(points, dtype=np.float64))
         return out
 
     def marks(self, points: Array) -> NDArray[np.int16]:
         """What made the surface next to each point (`Blocks.mark`). points : (n, 3) float, mm, within the band -> (n,) int16"""
+        self.refresh()
         out: NDArray[np.int16] = _marks(self._blocks, np.ascontiguousarray(points, dtype=np.float64))
         return out
 
@@ -329,7 +227,8 @@ class Field:
         kept = directory >= 0
         numbers = directory[kept]
         directory[kept] = np.arange(len(numbers), dtype=np.int32)
-        return {"directory": directory, "value": self._blocks.value[numbers], "mark": self._blocks.mark[numbers]}
+        cells: dict[str, NDArray[np.generic]] = {"value": self._blocks.value[numbers], "mark": self._blocks.mark[numbers]}
+        return {"directory": directory, **cells, "touched": self._blocks.touched.copy()}
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Go back to a snapshot. Raises ValueError when it is of another grid."""
@@ -337,5 +236,6 @@ class Field:
         if directory.shape != self._blocks.directory.shape:
             raise ValueError(f"snapshot of a field of {directory.shape} blocks, this one has {self._blocks.directory.shape}")
         used = len(state["value"])
-        self._take(directory, max(used, FIRST_BLOCKS), np.array([0, used], dtype=np.int64))
+        touched = np.array(state.get("touched", directory >= 0), dtype=np.bool_)
+        self._take(directory, max(used, FIRST_BLOCKS), np.array([0, used], dtype=np.int64), touched)
         self._blocks.value[:used], self._blocks.mark[:used] = state["value"], state["mark"]

@@ -9,8 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from config import Material
-from sim.process.cut import ENGAGED, ENGAGED_AT, GOUGE, GOUGE_AT, REMOVED, TOLD, TOUCH, Cut, remove_pieces, room_of
+from sim.process.cut import Cut, remove_pieces, room_of
 from sim.process.field import AIR, BLOCK, METAL, Blocks, Field
+from sim.process.removal import ENGAGED, ENGAGED_AT, GOUGE, GOUGE_AT, REMOVED, TOLD, TOUCH
 from sim.process.solid import unite, unite_box
 from sim.process.target import Target
 
@@ -73,6 +74,7 @@ class Stock:
 
     def volume_mm3(self, above_mm: float = 0.0) -> float:
         """Metal above a height of the build frame; cells on the surface count by their filled fraction."""
+        self.field.refresh()
         first = max(0, int(np.ceil((above_mm - self.origin[2]) / self.cell_mm + 0.5)))
         return float(_filled_cells(self.field.blocks, first)) * self.cell_mm**3
 
@@ -92,7 +94,8 @@ class Stock:
         """The same along many pieces in order of time.
 
         path : (n, 12) float   start, end (mm), axis at start and at end of each piece
-        Returns (n, 9) float: engaged_mm, gouge_mm, removed_mm3, place of the deepest engagement (3) and of the deepest gouge (3), mm.
+        Returns (n, 10) float: engaged_mm, gouge_mm, removed_mm3, place of the deepest engagement (3) and of the deepest gouge (3), mm, and
+        how many cells' distances to the sweep were worked out.
         """
         path = np.ascontiguousarray(path, dtype=np.float64)
         told = np.zeros((len(path), TOLD))

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim.process.field import AIR, BLOCK, MASK, SHIFT, Blocks, put, value_at
+from sim.process.field import AIR, BLOCK, MASK, SHIFT, Blocks, put, settle, value_at
 
 Array = NDArray[np.float64]
 
@@ -119,8 +119,9 @@ def open_window(blocks: Blocks, frame: Frame, low: NDArray[np.int64], high: NDAr
 
 @njit(cache=True, nogil=True)
 def close_window(blocks: Blocks, frame: Frame, window: Window, mark: int) -> None:
-    """Give the changed cells back, with a mark. The field has to have room for their blocks."""
+    """Give the changed cells back, with a mark; blocks that are all metal now go back. The field has to have room for their blocks."""
     nx, ny = window.low.shape
+    low, high = np.full(3, np.iinfo(np.int64).max), np.full(3, -1)
     for i in range(nx):
         for j in range(ny):
             for k in range(window.low[i, j], window.high[i, j] + 1):
@@ -128,4 +129,8 @@ def close_window(blocks: Blocks, frame: Frame, window: Window, mark: int) -> Non
                 value = window.value[i, j, k]
                 if value != np.float32(value_at(blocks, x, y, z)):
                     put(blocks, x, y, z, value, mark)
+                    low[0], low[1], low[2] = min(low[0], x), min(low[1], y), min(low[2], z)
+                    high[0], high[1], high[2] = max(high[0], x + 1), max(high[1], y + 1), max(high[2], z + 1)
             window.low[i, j], window.high[i, j] = 2**30, -1
+    if high[0] > 0:
+        settle(blocks, low, high)

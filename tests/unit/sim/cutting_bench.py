@@ -42,6 +42,11 @@ def values(stock: Stock) -> Array:
     return stock.field.dense((0, 0, 0), stock.field.shape).astype(np.float64)
 
 
+def filled_mm3(stock: Stock) -> float:
+    """Metal by the filled fraction of the cells as they stand, mm3."""
+    return float(np.clip(0.5 - values(stock) / stock.cell_mm, 0.0, 1.0).sum()) * stock.cell_mm**3
+
+
 def after_sweep(
     stock: Stock, start: Array, end: Array, axes: tuple[Array, Array], cutter: tuple[float, float, float], poses: int
 ) -> Array:  # fmt: skip

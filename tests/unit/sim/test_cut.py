@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
+from sim.process.removal import LOOKED, REMOVED
 from sim.process.sweep import cutter_distance
-from tests.unit.sim.cutting_bench import after_sweep, leaning, values
+from tests.unit.sim.cutting_bench import after_sweep, cells, filled_mm3, leaning, values
 from tests.unit.sim.metal_bench import UP, block, plate, track, vector
 
 CELL = 0.25
@@ -31,9 +33,10 @@ def test_faced_plane_lies_where_the_cutter_ran() -> None:
 
 def test_slot_has_its_width_depth_and_round_ends() -> None:
     stock = block(LOW, HIGH, CELL)
-    before = stock.volume_mm3(-6.0)
+    before, cells_before = stock.volume_mm3(-6.0), filled_mm3(stock)
     cut = stock.cut(vector(-4.0, 0.3, 0.5), vector(4.0, 0.3, 0.5), UP, UP, 2.0, 0.0, 40.0)
     assert cut.engaged_mm == stock.band_mm
+    assert cut.removed_mm3 == pytest.approx(cells_before - filled_mm3(stock), rel=1e-4)
     x = np.linspace(-3.5, 3.5, 40)
     for wall in (0.3 + 2.0, 0.3 - 2.0):
         assert np.abs(stock.distance(np.column_stack([x, np.full_like(x, wall), np.full_like(x, 1.3)]))).max() < EXACT
@@ -43,7 +46,6 @@ def test_slot_has_its_width_depth_and_round_ends() -> None:
     assert np.abs(np.linalg.norm(stock.field.gradient(end), axis=1) - 1.0).max() < 0.03
     removed = 1.5 * (8.0 * 4.0 + np.pi * 4.0)
     assert before - stock.volume_mm3(-6.0) == pytest.approx(removed, rel=0.01)
-    assert cut.removed_mm3 == pytest.approx(before - stock.volume_mm3(-6.0), rel=1e-4)
     assert stock.removed_mm3 == cut.removed_mm3
 
 
@@ -164,3 +166,46 @@ def test_cut_before_the_bead_is_not_the_bead_before_the_cut() -> None:
         volume.append(stock.volume_mm3(0.35))
     assert volume[0] < 0.5
     assert volume[1] > 2.0
+
+
+@pytest.mark.parametrize("cell", [0.25, 0.2])
+@pytest.mark.parametrize("below", [0.0, 0.04, 0.11])
+def test_free_block_milled_flush_or_past_its_underside_has_the_volume_and_the_distances_of_the_box(cell: float, below: float) -> None:
+    stock = block(vector(-6.0, -5.0, 0.0), vector(6.0, 5.0, 6.0), cell)
+    for y in (-4.0, -1.0, 2.0, 5.0):
+        stock.cut(vector(-9.0, y, 4.0), vector(9.0, y, 4.0), UP, UP, 2.0, 0.0, 30.0)
+    for a, b in (((6.0, -7.0), (6.0, 7.0)), ((-6.0, 7.0), (-6.0, -7.0)), ((-8.0, 5.0), (8.0, 5.0)), ((8.0, -5.0), (-8.0, -5.0))):
+        stock.cut(vector(*a, -below), vector(*b, -below), UP, UP, 2.0, 0.0, 30.0)
+    area = 2.0 * (8.0 * 6.0 + 8.0 * 4.0 + 6.0 * 4.0)
+    assert stock.volume_mm3(-2.0) == pytest.approx(8.0 * 6.0 * 4.0, abs=0.1 * cell * area)
+    assert stock.volume_mm3(-2.0) == pytest.approx(8.0 * 6.0 * 4.0, abs=1.5)
+    out = np.abs(cells(stock) - vector(0.0, 0.0, 2.0)) - vector(4.0, 3.0, 2.0)
+    truth = np.linalg.norm(np.maximum(out, 0.0), axis=-1) + np.minimum(out.max(axis=-1), 0.0)
+    error = np.abs(values(stock) - np.clip(truth, -stock.band_mm, stock.band_mm))
+    assert error.max() < 1.01 * cell  # beyond edges, beside the surface; and over the faces:
+    assert error[np.count_nonzero(out > -stock.band_mm, axis=-1) == 1].max() < 1e-5
+    assert stock.field.memory_bytes > 0
+    assert not (values(stock)[out.max(axis=-1) > 1.1 * stock.band_mm] < stock.band_mm).any()
+
+
+def test_gradient_below_a_shelf_that_was_cut_off_flush_is_that_of_what_is_left() -> None:
+    stock = block(vector(-6.0, -4.0, 0.1), vector(6.0, 4.0, 4.1), CELL)
+    stock.cut(vector(4.0, -8.0, 0.1), vector(4.0, 8.0, 0.1), UP, UP, 4.0, 0.0, 30.0)  # leaves x < 0
+    z, x = (g.ravel() for g in np.meshgrid(np.linspace(-0.4, 0.4, 9), np.linspace(1.2, 5.0, 20)))
+    assert (stock.distance(np.column_stack([x, 0.0 * x, z])) > stock.band_mm - EXACT).all()
+    wall = np.array([[away, y, height] for away in (0.1, 0.3, 0.5) for y in (-2.0, 0.0, 2.0) for height in (1.2, 2.0, 3.0)])
+    assert np.abs(stock.field.gradient(wall) - vector(1.0, 0.0, 0.0)).max() < 0.02
+    assert np.abs(stock.distance(wall) - wall[:, 0]).max() < EXACT
+
+
+@pytest.mark.parametrize("axis", [UP, leaning(8.0)], ids=["upright", "leaning"])
+def test_wall_milled_five_times_costs_no_more_each_time_and_nothing_is_left_to_do(axis: NDArray[np.float64]) -> None:
+    stock = block(vector(-6.0, -6.0, -1.0), vector(6.0, 6.0, 3.0), CELL)
+    around = np.linspace(0.0, 2.0 * np.pi, 73)
+    ring = np.column_stack([8.0 * np.cos(around), 8.0 * np.sin(around), np.full_like(around, -1.5)])
+    axes = np.tile(axis, (72, 1))
+    path = np.hstack([ring[:-1], ring[1:], axes, axes])
+    looked = [float(stock.cut_pieces(path, 3.0, 0.0, 30.0)[:, LOOKED].sum()) for _ in range(5)]
+    assert all(later <= earlier for earlier, later in itertools.pairwise(looked))
+    assert looked[4] < 0.7 * looked[0]
+    assert stock.cut_pieces(path, 3.0, 0.0, 30.0)[:, REMOVED].sum() == pytest.approx(0.0, abs=1e-6)

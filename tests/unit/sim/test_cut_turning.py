@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sim.process.sweep import Sweep, pieces_of, sweep_distance, sweep_of
-from tests.unit.sim.cutting_bench import after_sweep, leaning, swept, values
+from tests.unit.sim.cutting_bench import after_sweep, filled_mm3, leaning, swept, values
 from tests.unit.sim.metal_bench import UP, block, vector
 
 Array = NDArray[np.float64]
@@ -65,11 +65,11 @@ def test_distance_to_a_turning_sweep_is_that_of_the_sum_of_poses_up_to_the_reach
 def test_metal_left_by_a_turning_cutter_is_that_left_by_the_sum_of_poses(cutter: tuple[float, float, float]) -> None:
     stock = block(vector(-4.0, -3.0, -1.5), vector(4.0, 3.0, 2.5), CELL)
     start, end, axes = vector(-3.0, -0.5, 0.0), vector(3.0, 0.5, -0.8), (leaning(25.0, 80.0), leaning(20.0, -120.0))
+    before = filled_mm3(stock)
     expected = after_sweep(stock, start, end, axes, cutter, 250)
-    before = stock.volume_mm3(-9.0)
     cut = stock.cut(start, end, *axes, *cutter)
     assert np.abs(values(stock) - expected).max() < EXACT
-    assert cut.removed_mm3 == pytest.approx(before - stock.volume_mm3(-9.0), rel=1e-4)
+    assert cut.removed_mm3 == pytest.approx(before - filled_mm3(stock), rel=1e-4)
 
 
 def test_flank_milled_boss_is_a_cone() -> None:

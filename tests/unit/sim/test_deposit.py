@@ -191,3 +191,24 @@ def test_bead_on_a_hot_part_is_wider() -> None:
         y = np.arange(-4.0, 4.0, 0.02)
         widths.append(np.ptp(y[stock.distance(np.column_stack([0.0 * y, y, np.full_like(y, 0.15)])) < 0.0]))
     assert widths[0] + 0.1 < widths[1] < widths[2] - 0.1
+
+
+def test_blocks_buried_in_beads_are_given_back_and_memory_goes_with_the_surface() -> None:
+    stock = plate(20.0, 0.2, 8.0)
+    for layer in range(8):
+        for i in range(7):
+            y, z = (i - 3.0) * STEP, layer * LAYER
+            track(stock, vector(-5.0, y, z), vector(5.0, y, z))
+    volume = stock.volume_mm3(0.3)
+    values = stock.field.dense((0, 0, 0), stock.field.shape)
+    i, j, k = ((np.array(box) - at) / 0.2 for box, at in zip([(-4.0, 4.0), (-4.5, 4.5), (1.0, 4.0)], stock.origin, strict=True))
+    buried = values[int(i[0]) : int(i[1]), int(j[0]) : int(j[1]), int(k[0]) : int(k[1])]
+    assert np.mean(buried <= -stock.band_mm) > 0.98  # no seam between beads and layers is left
+    signs = values < 0.0
+    entries = stock.field.occupied()
+    by_surface = 0
+    for a, b, c in entries * 8:
+        near = signs[max(a - 4, 0) : a + 12, max(b - 4, 0) : b + 12, max(c - 4, 0) : c + 12]
+        by_surface += bool(near.any() and not near.all())
+    assert by_surface > 0.97 * len(entries)
+    assert stock.volume_mm3(0.3) == volume

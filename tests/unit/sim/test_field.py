@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from sim.process.field import AIR, BLOCK, METAL, Field, mark_at, put, settle, value_at
+from sim.process.solid import unite
 
 CELL, BAND = 0.25, 0.75
 ORIGIN = np.array([-3.0, -2.0, 1.0])
@@ -142,6 +143,7 @@ def test_memory_grows_with_the_surface() -> None:
     used = []
     for size in (40, 80):
         field = Field(np.zeros(3), 1.0, 3.0, (size, size, size))
-        values = np.linalg.norm(grid(field) - 0.5 * size, axis=-1) - 0.4 * size
-        used.append(filled(field, values).occupied().shape[0])
+        middle, radius = 0.5 * size, 0.4 * size
+        unite(field, lambda points, middle=middle, radius=radius: np.linalg.norm(points - middle, axis=1) - radius)  # type: ignore[misc]
+        used.append(field.occupied().shape[0])
     assert used[1] / used[0] < 5.0  # a dense grid: 8
