@@ -111,7 +111,7 @@ def _facets_against(
             continue
         for f in range(nodes[node, 0], nodes[node, 0] + nodes[node, 1]):
             row = corner_row(bodies, first + f)
-            gap = _gap(bodies, (HULL, kind), (a, b), (row, row + 3, other[0], other[1]), pose, max(best, 0.0), 0.0, trial)
+            gap = _gap(bodies, (int(np.int64(HULL)), kind), (a, b), (row, row + 3, other[0], other[1]), pose, max(best, 0.0), 0.0, trial)
             if gap < best:
                 best = gap
                 own[:] = trial
@@ -136,7 +136,7 @@ def _two_meshes(bodies: Bodies, a: int, b: int, pose_a: Array, pose_b: Array, at
         radius = 0.0
         for c in range(3):
             radius = max(radius, np.sqrt(np.sum((corners[c] - centre) ** 2)))
-        gap = _facets_against(bodies, a, HULL, b, (row, row + 3), pose, centre, radius, best, own)
+        gap = _facets_against(bodies, a, int(np.int64(HULL)), b, (row, row + 3), pose, centre, radius, best, own)
         if gap < best:
             best = gap
             found[:] = own

@@ -129,9 +129,9 @@ def _nearest(points: Array, count: int, weights: Array) -> bool:
     if count == 1:
         weights[0] = 1.0
     elif count == 2:
-        _segment(points, weights, 0, 1)
+        _segment(points, weights, count - 2, count - 1)
     elif count == 3:
-        _triangle(points, weights, 0, 1, 2)
+        _triangle(points, weights, count - 3, count - 2, count - 1)
     else:
         best = np.inf
         trial = np.zeros(4)
@@ -221,10 +221,10 @@ def overlap(
     """How deep two convex shapes are in each other: the least way that parts them, mm (0 or less: they are apart).
 
     allowed : mm   Any way not longer than this will do.
-    The way is sought over directions spread evenly, and followed down from the best ones. at : (3,)   Gets A's deepest point, A's frame.
+    The way is sought over directions spread evenly, and followed down from the best ones. at : (3,)   Gets the deepest point, A's frame.
     """
     ways, tried = np.empty((DIRECTIONS + 12, 3)), np.empty(DIRECTIONS + 12)
-    out, way, trial = np.zeros(6), np.zeros(3), np.zeros(3)
+    out, way, trial, kept = np.zeros(6), np.zeros(3), np.zeros(3), np.zeros(3)
     _directions(pose, ways)
     for n in range(len(ways)):
         apart(kind_a, size_a, a0, a1, kind_b, size_b, b0, b1, vertices, pose, ways[n], out)
@@ -255,10 +255,31 @@ def overlap(
                 turn *= 0.5
         if depth < best:
             best = depth
-            apart(kind_a, size_a, a0, a1, kind_b, size_b, b0, b1, vertices, pose, way, out)
-            for d in range(3):
-                at[d] = out[3 + d]
+            kept[:] = way
+    _deepest(kind_a, size_a, a0, a1, kind_b, size_b, b0, b1, vertices, pose, kept, at)
     return float(best)
+
+
+@njit(cache=True, nogil=True)
+def _deepest(
+    kind_a: int, size_a: Array, a0: int, a1: int, kind_b: int, size_b: Array, b0: int, b1: int,
+    vertices: Array, pose: Array, way: Array, at: Array,
+) -> None:  # fmt: skip
+    """The deepest point along the least way out, A's frame: of the shape whose point there is the more certain (a corner against a face)."""
+    found, trial, out = np.zeros((4, 6)), np.zeros(3), np.zeros(6)
+    for n in range(4):
+        for d in range(3):
+            trial[d] = way[d] + (FINEST_TURN if n == d or (n == 3) else 0.0) - 0.5 * FINEST_TURN
+        apart(kind_a, size_a, a0, a1, kind_b, size_b, b0, b1, vertices, pose, trial, out)
+        for d in range(3):
+            found[n, d], found[n, 3 + d] = out[3 + d], out[3 + d] - out[d]
+    spread_a, spread_b = 0.0, 0.0
+    for d in range(3):
+        spread_a += found[:, d].max() - found[:, d].min()
+        spread_b += found[:, 3 + d].max() - found[:, 3 + d].min()
+    first = 0 if spread_a <= spread_b else 3
+    for d in range(3):
+        at[d] = found[:, first + d].mean()
 
 
 @njit(cache=True, nogil=True)

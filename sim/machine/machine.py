@@ -69,9 +69,6 @@ class Machine:
         self._kinds = {tool.number: tool.kind for tool in cell.tools}
         self._build_from_table = np.asarray(build_from_table, dtype=np.float64)
         self._rules = _rules(cell, self.solids, self.links)
-        self._stock_only = self._rules._replace(
-            pair=self._rules.pair[:0], allowed=self._rules.allowed[:0], counts=self._rules.counts[:0], reach=self._rules.reach[:0]
-        )
         self.ignored: tuple[tuple[str, str], ...] = cell.machine.ignore if cell.machine else ()
         self.touching = self._touching(len(cell.letters))
         """Pairs of names that overlap in the pose as drawn (all joints zero, head in or out) and are not in `machine.ignore`."""
@@ -132,8 +129,7 @@ class Machine:
         state = self._state
         state.found[0] = 0
         before = state.nearest.copy()
-        rules = self._stock_only if self._are_pairs_apart(joints, slides) else self._rules
-        follow(self.links, self.bodies, rules, state, stand, joints, slides, line, tip, room)
+        follow(self.links, self.bodies, self._rules, state, stand, joints, slides, line, tip, room)
         if (state.nearest != before).any():
             hit = self._hit(state.nearest, line, trace.tool)
             self.nearest = Approach(hit.line, hit.moving, hit.other, hit.depth_mm, hit.at_mm, hit.tool)
@@ -168,26 +164,13 @@ class Machine:
         if not len(trace):
             still = np.vstack((self._joints, self._joints))
             return still, np.zeros(1, dtype=np.int64), np.zeros((1, 3)), np.zeros(1), np.zeros(1)
-        joints = np.stack((trace.joints0, trace.joints1), axis=1).reshape(2 * len(trace), -1)
+        joints = np.empty((2 * len(trace), trace.joints0.shape[1]))
+        joints[0::2], joints[1::2] = trace.joints0, trace.joints1
         room = np.zeros(len(trace))
         if self._kinds.get(trace.tool) == "deposition":
             length = np.sqrt(((trace.tip1 - trace.tip0) ** 2).sum(axis=1))
             room = np.where(trace.emission_w > 0.0, NEW_METAL_MM + length, 0.0)
-        return np.ascontiguousarray(joints), trace.line, np.ascontiguousarray(trace.tip0), room, trace.dt
-
-    def _are_pairs_apart(self, joints: Array, slides: Array) -> bool:
-        """Whether no pair of solids has to be measured within the step; their odometers are then brought forward."""
-        way = np.abs(joints[1::2] - joints[0::2]).sum(axis=0)
-        column = self.links.column
-        moves = np.where(column >= 0, way[np.maximum(column, 0)], 0.0)
-        moves = np.where(self.links.is_rotary == 1, np.radians(moves), moves)
-        moves[self.links.slide[0]] = np.abs(np.diff(slides)).sum()
-        reading = self._state.of_pair + self._rules.reach @ moves
-        mounted = self._state.active[self._rules.pair].all(axis=1)
-        if (mounted & (reading >= self._state.pair_due)).any():
-            return False
-        self._state.of_pair[:] = reading
-        return True
+        return joints, trace.line, np.ascontiguousarray(trace.tip0), room, trace.dt
 
     def _mount(self, tool: int) -> None:
         """Solids of one tool in the spindle; what is new there is measured at once."""
@@ -198,6 +181,7 @@ class Machine:
         fresh = (active == 1) & (self._state.active == 0)
         self._state.active[:] = active
         self._state.pair_due[fresh[self._rules.pair].any(axis=1)] = MEASURE_NEW
+        self._state.pair_due[~(active == 1)[self._rules.pair].all(axis=1)] = np.inf
         self._state.stock_due[fresh] = MEASURE_NEW
 
     def _stand(self, stock: Stock, lit: Array) -> Stand:
@@ -279,7 +263,7 @@ def _rules(cell: Cell, solids: list[Body], links: Links) -> Rules:
     meets = [int(not solid.cuts and solid.carrier != links.table[0]) for solid in solids]
     return Rules(
         rows, np.array(allowed, dtype=np.float64), np.array(counts, dtype=np.int64), np.array(meets, dtype=np.int64),
-        pair_reach(cell, links, solids, rows), np.array([contact]), np.array([_lever_mm(cell, solids)]),
+        np.ascontiguousarray(pair_reach(cell, links, solids, rows).T), np.array([contact]), np.array([_lever_mm(cell, solids)]),
     )  # fmt: skip
 
 

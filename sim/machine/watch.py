@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 STEP_MM = 0.5  # of motion between two looks at solids that are nearly together
+TOUCHED_MM = 1e-6  # of motion after which things that are in each other are looked at again, at the next stop
 TURN_RAD = 0.02  # of all rotary joints together, between two poses
 STOCK = -1  # the partner, where it is the stock
 HIT_COLUMNS = 7  # first solid, second or STOCK, piece, depth or gap mm, place mm (table frame)
@@ -33,7 +34,7 @@ class Rules(NamedTuple):
     """What is watched. pair : (p, 2) solids   allowed : (p,) mm of overlap, a bound for both kinds of contact.
 
     counts : (p,) 1 where the pair's gap counts as clearance   meets_stock : (n,) 1 for solids that must not touch the stock
-    reach : (p, carriers) mm of relative motion for a unit of each joint
+    reach : (carriers, p) mm of relative motion for a unit of each joint
     contact : (1,) mm of overlap with the stock that is rounding   lever : (1,) mm, farthest point from any rotary axis
     """
 
@@ -50,7 +51,7 @@ class Odometers(NamedTuple):
     """State between steps. world, table : (carriers, 3, 4) last pose
     of_pair : (p,) mm, odometers of the pairs   in_table : (n,) mm, odometers of the solids against the stock
 
-    pair_due : (p,), stock_due : (n,) mm   Readings at which to measure again.
+    pair_due : (p,), stock_due : (n,) mm   Readings at which to measure again; of pairs that are not mounted: never.
     active : (n,) 1 for the solids that are mounted now   hits : (h, HIT_COLUMNS)   found : (1,) rows of hits
     nearest : (HIT_COLUMNS,)   the least gap so far; nearest[3] begins with the gap above which nobody asks
     """
@@ -110,34 +111,39 @@ def _go(bodies: Bodies, rules: Rules, state: Odometers, table: Array, stray: flo
 
 
 @njit(cache=True, nogil=True)
-def _pair_way(rules: Rules, p: int, moves: Array) -> float:
-    way = 0.0
+def _pair_ways(rules: Rules, moves: Array, of_pairs: Array) -> None:
+    """Ways (p,) of all pairs for moves (carriers,) of their joints."""
+    of_pairs[:] = 0.0
     for n in range(len(moves)):
-        way += rules.reach[p, n] * moves[n]
-    return way
+        if moves[n] != 0.0:
+            for p in range(len(of_pairs)):
+                of_pairs[p] += rules.reach[n, p] * moves[n]
 
 
 @njit(cache=True, nogil=True)
-def _greatest_due(rules: Rules, state: Odometers, moves: Array, ways: Array) -> float:
-    """Greatest way of what has to be measured within it; 0 if nothing has. moves : (carriers,) of their joints"""
-    worst = 0.0
-    for p in range(len(rules.pair)):
-        way = _pair_way(rules, p, moves)
-        if way > worst and state.of_pair[p] + way >= state.pair_due[p] and state.active[rules.pair[p, 0]] and state.active[rules.pair[p, 1]]:
-            worst = way
+def _first_due(state: Odometers, of_pairs: Array, share: float, ways: Array) -> float:
+    """Where on the way the first thing has to be measured, as a share of it, and no sooner than after STEP_MM; 2: nothing has.
+
+    of_pairs : (p,), of which `share` is gone on this way   ways : (n,) against the stock
+    """
+    first = 2.0
+    for p in range(len(of_pairs)):
+        way = share * of_pairs[p]
+        if state.of_pair[p] + way >= state.pair_due[p] and way > 0.0:
+            first = min(first, max(state.pair_due[p] - state.of_pair[p], STEP_MM) / way, 1.0)
     for b in range(len(ways)):
-        if ways[b] > worst and state.in_table[b] + ways[b] >= state.stock_due[b]:
-            worst = ways[b]
-    return worst
+        if ways[b] > 0.0 and state.in_table[b] + ways[b] >= state.stock_due[b]:
+            first = min(first, max(state.stock_due[b] - state.in_table[b], STEP_MM) / ways[b], 1.0)
+    return first
 
 
 @njit(cache=True, nogil=True)
-def _commit(rules: Rules, state: Odometers, world: Array, table: Array, moves: Array, share: float, ways: Array) -> None:
-    """Take a new pose; the joints have moved by a share of `moves`."""
+def _commit(state: Odometers, world: Array, table: Array, of_pairs: Array, share: float, ways: Array) -> None:
+    """Take a new pose; pairs have moved by a share of `of_pairs`, solids against the stock by `ways`."""
     state.world[:] = world
     state.table[:] = table
-    for p in range(len(rules.pair)):
-        state.of_pair[p] += share * _pair_way(rules, p, moves)
+    for p in range(len(of_pairs)):
+        state.of_pair[p] += share * of_pairs[p]
     for b in range(len(ways)):
         state.in_table[b] += ways[b]
 
@@ -174,16 +180,17 @@ def _measure_pairs(links: Links, bodies: Bodies, rules: Rules, state: Odometers,
     pose_a, pose_b = np.empty((3, 4)), np.empty((3, 4))
     at = np.empty(3)
     for p in range(len(rules.pair)):
-        a, b = rules.pair[p, 0], rules.pair[p, 1]
         reading = state.of_pair[p]
-        if not (state.active[a] and state.active[b]) or reading < state.pair_due[p]:
+        if reading < state.pair_due[p]:
             continue
+        a, b = rules.pair[p, 0], rules.pair[p, 1]
         multiply(state.world[bodies.carrier[a]], bodies.pose[a], pose_a)
         multiply(state.world[bodies.carrier[b]], bodies.pose[b], pose_b)
         gap = pair_distance(bodies, a, b, pose_a, pose_b, rules.allowed[p], at)
         wanted = min(state.nearest[3], gap) if rules.counts[p] else 0.0
         state.pair_due[p] = reading + max(STEP_MM, gap - max(0.0, wanted))
         if gap < -rules.allowed[p]:
+            state.pair_due[p] = reading + TOUCHED_MM
             _to_table(links, state, at)
             _note(state, line, a, b, piece, -gap, at)
         elif rules.counts[p] and gap < state.nearest[3]:
@@ -215,9 +222,10 @@ def _measure_stock(bodies: Bodies, rules: Rules, state: Odometers, stand: Stand,
             for i in range(3):
                 place_of[i] = frame[0, i] * x + frame[1, i] * y + frame[2, i] * z
             if gap < -rules.contact[0]:
-                _note(state, line, b, STOCK, piece, -gap, place_of)
+                state.stock_due[b] = state.in_table[b] + TOUCHED_MM
+                _note(state, line, b, int(np.int64(STOCK)), piece, -gap, place_of)
             else:
-                _keep_nearest(state, b, STOCK, piece, gap, place_of)
+                _keep_nearest(state, b, int(np.int64(STOCK)), piece, gap, place_of)
 
 
 @njit(cache=True, nogil=True)
@@ -246,27 +254,26 @@ def follow(
     line : (k,)   tip : (k, 3) mm, table frame, at the piece's begin   room : (k,) mm   Reach of metal laid on the piece; 0: none.
     """
     world, table = np.empty_like(state.world), np.empty_like(state.table)
-    ways, moves = np.zeros(len(bodies.kind)), np.zeros(len(links.column))
+    ways, moves, of_pairs = np.zeros(len(bodies.kind)), np.zeros(len(links.column)), np.zeros(len(rules.pair))
     for piece in range(len(line)):
         start, end = joints[2 * piece], joints[2 * piece + 1]
         if piece == 0:
             place(links, start, slide[0], world, table)
             _go(bodies, rules, state, table, 0.0, ways)
-            _commit(rules, state, world, table, moves, 0.0, ways)
-            _measure_pairs(links, bodies, rules, state, line, 0)
-            _measure_stock(bodies, rules, state, stand, line, 0)
+            _commit(state, world, table, of_pairs, 0.0, ways)
+            _measure_pairs(links, bodies, rules, state, line, piece)
+            _measure_stock(bodies, rules, state, stand, line, piece)
         if room[piece] > 0.0:
             _expect_metal(bodies, rules, state, tip[piece], room[piece])
         turn, way = _moves(links, start, end, abs(slide[piece + 1] - slide[piece]), moves)
         if turn == 0.0 and way == 0.0:
             continue
         parts = max(1, int(np.ceil(turn / TURN_RAD)))
-        for n in range(len(moves)):
-            moves[n] /= parts
+        _pair_ways(rules, moves, of_pairs)
         stray = (turn * turn * rules.lever[0] + 2.0 * turn * way) / (8.0 * parts * parts)
         for part in range(parts):
             slides = (slide[piece], slide[piece + 1])
-            _follow_part(links, bodies, rules, state, stand, start, end, slides, line, piece, (part, parts), stray, world, table, moves, ways)
+            _follow_part(links, bodies, rules, state, stand, start, end, slides, line, piece, (part, parts), stray, world, table, of_pairs, ways)
 
 
 @njit(cache=True, nogil=True)
@@ -291,26 +298,33 @@ def _moves(links: Links, start: Array, end: Array, slide: float, moves: Array) -
 @njit(cache=True, nogil=True)
 def _follow_part(
     links: Links, bodies: Bodies, rules: Rules, state: Odometers, stand: Stand, start: Array, end: Array, slides: tuple[float, float],
-    line: Index, piece: int, part: tuple[int, int], stray: float, world: Array, table: Array, moves: Array, ways: Array,
+    line: Index, piece: int, part: tuple[int, int], stray: float, world: Array, table: Array, of_pairs: Array, ways: Array,
 ) -> None:  # fmt: skip
-    """Go on over one of the equal parts of a piece, in finer steps where something has to be measured. part : its number, and how many"""
-    begin, share = part[0] / part[1], 1.0 / part[1]
-    finish = begin + share
-    place(links, start + finish * (end - start), slides[0] + finish * (slides[1] - slides[0]), world, table)
-    _go(bodies, rules, state, table, stray, ways)
-    worst = _greatest_due(rules, state, moves, ways)
-    if worst == 0.0:
-        _commit(rules, state, world, table, moves, 1.0, ways)
-        return
-    steps = max(1, int(np.ceil(worst / STEP_MM)))
-    for step in range(1, steps + 1):
-        at = begin + share * step / steps
-        if steps > 1:
+    """Go on over one of the equal parts of a piece, with a stop wherever something has to be measured. part : its number, and how many
+
+    stray : mm, of the whole part; that of a share of it goes with its square
+    """
+    at, finish = part[0] / part[1], (part[0] + 1) / part[1]
+    while True:
+        left = finish - at
+        rest = left * part[1]
+        place(links, start + finish * (end - start), slides[0] + finish * (slides[1] - slides[0]), world, table)
+        _go(bodies, rules, state, table, stray * rest * rest, ways)
+        first = _first_due(state, of_pairs, left, ways)
+        if first > 1.0:
+            _commit(state, world, table, of_pairs, left, ways)
+            return
+        if first < 1.0:
+            left *= first
+            at += left
+            rest *= first
             place(links, start + at * (end - start), slides[0] + at * (slides[1] - slides[0]), world, table)
-            _go(bodies, rules, state, table, stray / (steps * steps), ways)
-        _commit(rules, state, world, table, moves, 1.0 / steps, ways)
+            _go(bodies, rules, state, table, stray * rest * rest, ways)
+        _commit(state, world, table, of_pairs, left, ways)
         _measure_pairs(links, bodies, rules, state, line, piece)
         _measure_stock(bodies, rules, state, stand, line, piece)
+        if first == 1.0:
+            return
 
 
 @njit(cache=True, nogil=True)
