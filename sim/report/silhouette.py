@@ -65,7 +65,7 @@ class Scene:
             return None
         slide = float(mode_of(self._program, finding.line) == facts.DEPOSIT)
         place_mm = np.array(finding.at_mm)
-        named = [n for n, solid in enumerate(self._solids) if re.search(rf"\b{re.escape(solid.name)}\b", finding.text) and solid.tool in (0, tool)]
+        named = [n for n, solid in enumerate(self._solids) if solid.tool in (0, tool) and is_named(solid.name, finding)]
         carried = [n for n, solid in enumerate(self._solids) if self._is_of_tool(solid, tool)]
         asked = [n for n in named if n in carried] or carried[:1]
         poses = [self._poses(row, slide) for row in joints]
@@ -129,6 +129,11 @@ class Scene:
         frame = poses[first]
         up = own[:, :3].T @ np.array([0.0, 0.0, AXIS_MM])
         return np.array([frame[:, :3] @ low + frame[:, 3], frame[:, :3] @ (low + up) + frame[:, 3]])
+
+
+def is_named(name: str, finding: Finding) -> bool:
+    """Whether a finding that tells of two bodies tells of this one."""
+    return finding.kind in ("collision", "clearance") and re.search(rf"\b{re.escape(name)}\b", finding.text) is not None
 
 
 def mode_of(program: Job, line: int) -> int | None:

@@ -64,6 +64,12 @@ def test_what_a_tool_met_is_drawn_as_the_cell_s_file_has_it() -> None:
     assert (low[0], high[0]) == pytest.approx((-0.5 * plate[0] - clamps.outside_mm, -0.5 * plate[0] + clamps.overlap_mm))
 
 
+def test_word_that_is_also_a_body_s_name_draws_no_body() -> None:
+    program, line = faced()
+    stand = Scene(program, CELL).at(found("spindle off", "T2 meets metal 0.50 mm deep with the spindle standing", line, (PASSES_X[2], 0.0, TOP_MM)))
+    assert stand is not None and all(each.is_tool for each in stand.outlines)
+
+
 def test_program_without_joints_or_tool_and_cell_without_bodies_have_none() -> None:
     program, line = faced()
     finding = found("gouge", "T2 cuts", line, (0.0, 0.0, 4.0))

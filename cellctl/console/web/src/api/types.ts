@@ -249,6 +249,7 @@ export interface ProofFinding {
 }
 
 export interface ProofDocument {
+  schema: number;
   passed: boolean;
   reasons: string[];
   findings: ProofFinding[];

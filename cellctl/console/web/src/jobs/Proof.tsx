@@ -9,6 +9,7 @@ import { Findings } from "./Findings";
 import { Texts } from "./JobDetail";
 
 const say = words.jobs;
+const REPORTED_SINCE = 2; // schema of a proof that has a report
 
 function figure(name: string, value: number): string {
   if (name.endsWith("_mm3")) return `${fixed(value, 1)} mm³`;
@@ -52,9 +53,12 @@ export function Proof({ job }: { job: Job }) {
       </div>
       <Texts texts={proof?.reasons ?? []} />
       <Findings findings={proof?.findings ?? []} />
-      <a class="control proof-report" href={`${root}/report`} target="_blank" rel="noopener">
-        {say.proofReport} ↗
-      </a>
+      {proof && proof.schema >= REPORTED_SINCE && (
+        <a class="control proof-report" href={`${root}/report`} target="_blank" rel="noopener">
+          {say.proofReport} ↗
+        </a>
+      )}
+      {proof && proof.schema < REPORTED_SINCE && <p class="muted">{say.proofWithoutReport}</p>}
     </section>
   );
 }

@@ -267,6 +267,7 @@ export const words = {
     proofPassed: "Passed",
     proofFailed: "Not passed",
     proofReport: "Proof report",
+    proofWithoutReport: "This proof was made before there were reports. Add the part as a new job to get one.",
     proofFindings: "What the twin found",
     severities: { error: "✕ Error", warning: "⚠ Warning" } as Record<string, string>,
     foundLine: (n: string) => `line N${n}`,
