@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from config import Cell, Material, load_device, load_material
 from sim.checkpoint import DAMAGED, Checkpoints, Place, Prefix, facts_of_run
+from sim.cnc.codes import LOCKED
 from sim.compare import measure
 from sim.contacts import Contacts
 from sim.findings import Finding, Findings
@@ -34,6 +36,7 @@ LONG_STEPS = 2.5  # of STEP_S: a step while nothing is due
 WAIT_STEP_S = 0.1  # while a barrier waits for the plant
 FINE_STEP_S = 0.005  # while set-points change with the lines
 BOUNDARY_STEP_S = 0.1  # while the planner may take the last lines of a layer: it shall not run dry where lines wait for the step's end
+SHOWN_MAX = 100  # characters of a line at fault in a finding's text
 CELL_LEAST_MM, CELL_MOST_MM = 0.2, 0.5
 CELLS_PER_TOLERANCE = 2.0
 
@@ -241,7 +244,9 @@ class DryRun:
         if word == "ALARM" and machine.refused_target:
             self._tell_travel()
             return
-        shown = self.program.lines[line - 1] if 0 < line <= len(self.program.lines) else ""
+        if word == "error" and int(number) == LOCKED and self.findings.is_fatal:
+            return  # what comes after an alarm that is told already
+        shown = textwrap.shorten(self.program.lines[line - 1], SHOWN_MAX, placeholder="...") if 0 < line <= len(self.program.lines) else ""
         meaning, remedy = explain(word, int(number))
         self._fail("firmware", f"{text} ({meaning}) at `{shown}`", line, help=remedy)
 
