@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -246,7 +245,8 @@ class DryRun:
             return
         if word == "error" and int(number) == LOCKED and self.findings.is_fatal:
             return  # what comes after an alarm that is told already
-        shown = textwrap.shorten(self.program.lines[line - 1], SHOWN_MAX, placeholder="...") if 0 < line <= len(self.program.lines) else ""
+        text_of_line = self.program.lines[line - 1] if 0 < line <= len(self.program.lines) else ""
+        shown = text_of_line if len(text_of_line) <= SHOWN_MAX else text_of_line[:SHOWN_MAX] + "..."
         meaning, remedy = explain(word, int(number))
         self._fail("firmware", f"{text} ({meaning}) at `{shown}`", line, help=remedy)
 
