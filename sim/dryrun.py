@@ -38,6 +38,9 @@ BOUNDARY_STEP_S = 0.1  # while the planner may take the last lines of a layer: i
 SHOWN_MAX = 100  # characters of a line at fault in a finding's text
 CELL_LEAST_MM, CELL_MOST_MM = 0.2, 0.5
 CELLS_PER_TOLERANCE = 2.0
+CELLS_THROUGH = 6.0  # a part is at least so many cells thick, as long as they are not finer than CELL_FINEST_MM
+CELL_FINEST_MM = 0.1
+SURFACE_CELLS_MAX = 8e6  # stock and part keep about 200 bytes for each cell of their surface: 1.6 GB
 
 Progress = Callable[[float, str], None]
 
@@ -59,7 +62,7 @@ def prove(
     mesh : the part, mm, in the frame of its file
     stock : metal on the plate before the first line, mm, frame of the part's file; default: none, for process "mill" the part's box
         grown by the Program's stock_allowance_mm sideways and upwards. A Program that is milled from a given stock does not pass without it.
-    cell_mm : grid of the stock; default: twice the tolerance, between 0.2 and 0.5 mm (surfaces are resolved to a fraction of it)
+    cell_mm : grid of the stock; default: `usual_cell_mm` (surfaces are resolved to a fraction of it)
     progress : called with the share of lines executed (0 to 1) and a word
     cancelled : asked after every step of time; once it says yes, the proof raises ProofCancelled
     checkpoints : folder for states at the begins of layers, made if need be. A Program that was edited goes on from the last layer
@@ -89,7 +92,7 @@ class DryRun:
     ) -> None:
         self.program, self.cell, self.material = program, cell, material
         self.target = Target(in_build(mesh, program.build_from_part), np.asarray(mesh.facets), SAMPLE_MM)
-        grid = cell_mm or float(np.clip(program.tolerance_mm * CELLS_PER_TOLERANCE, CELL_LEAST_MM, CELL_MOST_MM))
+        grid = cell_mm or usual_cell_mm(self.target, program.tolerance_mm)
         self.metal = metal_for(cell, self._bounds(stock), grid, self.material, inverse(program.machine_from_build))
         self.stock = self.metal.stock
         self._has_stock = stock is not None or program.process != "mill" or program.stock_allowance_mm is not None
@@ -290,6 +293,13 @@ class DryRun:
             timeline=self.watch.timeline(),
             built=measured.built,
         )
+
+
+def usual_cell_mm(target: Target, tolerance_mm: float) -> float:
+    """Grid for a part: twice the tolerance between 0.2 and 0.5 mm, finer for a part that is flat, coarser for one too large for memory."""
+    usual = float(np.clip(tolerance_mm * CELLS_PER_TOLERANCE, CELL_LEAST_MM, CELL_MOST_MM))
+    thin = max(CELL_FINEST_MM, float(np.ptp(target.bounds, axis=0).min()) / CELLS_THROUGH)
+    return max(min(usual, thin), float(np.sqrt(target.areas.sum() / SURFACE_CELLS_MAX)))
 
 
 def layer_begins(program: Job) -> list[int]:

@@ -16,7 +16,9 @@ from planner.mesh.mesh import Mesh
 from planner.program import Channel, LineKind, Program
 from planner.recipe import Recipe
 from sim import prove
-from sim.dryrun import DryRun
+from sim.dryrun import DryRun, usual_cell_mm
+from sim.process.stock import Stock
+from sim.process.target import Target
 
 CELL_MM = 0.3
 CELL = load_cell("trunnion_tcp")
@@ -158,3 +160,25 @@ def test_metal_is_the_same_whatever_the_step_of_time(monkeypatch: pytest.MonkeyP
     assert coarse.stock.volume_mm3() == pytest.approx(fine.stock.volume_mm3(), rel=1e-3)
 
 
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "tolerance_mm", "cell_mm"),
+    [((40.0, 30.0, 20.0), 0.15, 0.3), ((40.0, 30.0, 20.0), 0.02, 0.2), ((40.0, 30.0, 1.2), 0.15, 0.2), ((40.0, 30.0, 0.3), 0.15, 0.1)],
+)
+def test_grid_follows_tolerance_and_thickness(size_mm: tuple[float, ...], tolerance_mm: float, cell_mm: float) -> None:
+    box = trimesh.creation.box(size_mm)
+    target = Target(np.asarray(box.vertices), np.asarray(box.faces), 5.0)
+    assert usual_cell_mm(target, tolerance_mm) == pytest.approx(cell_mm)
+
+
+def test_grid_of_a_large_part_keeps_its_stock_within_two_gigabytes() -> None:
+    small, large = (trimesh.creation.box((side, side, side)) for side in (20.0, 400.0))
+    cell_mm = usual_cell_mm(Target(np.asarray(large.vertices), np.asarray(large.faces), 50.0), 0.05)
+    assert cell_mm > 0.3
+    target = Target(np.asarray(small.vertices), np.asarray(small.faces), 1.0)
+    stock = Stock(target.bounds + [[-1.0], [1.0]], 0.2, load_material("316L"))
+    stock.unite(target.signed_distance, target.bounds)
+    stock.guard(target)
+    bytes_per_cell = stock.memory_bytes / (target.areas.sum() / stock.cell_mm**2)
+    assert bytes_per_cell * large.area / cell_mm**2 < 2e9
