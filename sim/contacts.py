@@ -91,7 +91,7 @@ class Contacts:
         for cut in cuts:
             self._note_cut(cut)
         for hit in hits:
-            text = f"{hit.moving} goes {hit.depth_mm:.2f} mm into {hit.other}"
+            text = f"{hit.moving} and {hit.other} overlap by {hit.depth_mm:.2f} mm"
             self._findings.add("collision", text, hit.line, at_mm=_place(hit.at_mm), depth_mm=hit.depth_mm)
 
     def _note_cut(self, cut: Engagement) -> None:

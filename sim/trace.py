@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,4 +47,5 @@ class Trace:
     def part(self, first: int, last: int) -> Trace:
         """Pieces from `first` to `last` (exclusive)."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Trace(**{name: value[first:last] if isinstance(value, np.ndarray) else value for name, value in columns.items()})
+        pieces: dict[str, Any] = {name: value[first:last] for name, value in columns.items() if isinstance(value, np.ndarray)}
+        return replace(self, **pieces)

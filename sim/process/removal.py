@@ -89,9 +89,9 @@ def cut_cell(
     cell, band = blocks.size[0], blocks.size[1]
     block = blocks.directory[a, b, c]
     told[REMOVED] += (filled(value, cell) - filled(inside, cell)) * cell**3
-    if value < 0.0 and min(inside, -value) > told[ENGAGED]:
+    if value < 0.0 and min(inside - value, band) > told[ENGAGED]:
         x, y, z = place_of(blocks, a, b, c, i, j, k)
-        tell(told, ENGAGED, ENGAGED_AT, min(inside, -value), x, y, z)
+        tell(told, ENGAGED, ENGAGED_AT, min(inside - value, band), x, y, z)
     if guard.directory[a, b, c] != AIR:
         gouge = gouge_of(guard, a, b, c, i, j, k, inside - value, inside)
         if gouge > told[GOUGE]:

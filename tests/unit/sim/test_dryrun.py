@@ -177,7 +177,7 @@ def test_grid_of_a_large_part_keeps_its_stock_within_two_gigabytes() -> None:
     cell_mm = usual_cell_mm(Target(np.asarray(large.vertices), np.asarray(large.faces), 50.0), 0.05)
     assert cell_mm > 0.3
     target = Target(np.asarray(small.vertices), np.asarray(small.faces), 1.0)
-    stock = Stock(target.bounds + [[-1.0], [1.0]], 0.2, load_material("316L"))
+    stock = Stock(target.bounds + np.array([[-1.0], [1.0]]), 0.2, load_material("316L"))
     stock.unite(target.signed_distance, target.bounds)
     stock.guard(target)
     bytes_per_cell = stock.memory_bytes / (target.areas.sum() / stock.cell_mm**2)

@@ -63,7 +63,7 @@ def collision_of(job: tuple[Program, int], what: str, cell: Cell = CELL) -> tupl
     program, line = job
     proof = prove_faced(program, cell)
     found = the(proof, "collision")
-    assert found.text == f"{what.split(' / ')[0]} goes {found.depth_mm:.2f} mm into {what.split(' / ')[1]}"
+    assert found.text == f"{what.split(' / ')[0]} and {what.split(' / ')[1]} overlap by {found.depth_mm:.2f} mm"
     assert (found.line, found.first_line, found.operation, found.layer, found.severity) == (line, line, 1, 0, "error")
     assert not proof.passed and any(reason.startswith("collision:") and f"N{line}" in reason for reason in proof.reasons)
     return found, proof

@@ -165,7 +165,7 @@ def in_the_cut(found: Finding, x: float) -> None:
     """The place lies in the metal that a pass along y at x takes."""
     px, py, pz = at(found)
     assert abs(px - x) <= RADIUS_MM and abs(py) <= HALF_Y and TOP_MM - 3.0 * CELL_MM <= pz <= RAW_MM + 3.0 * CELL_MM
-    assert 0.0 < found.depth_mm <= RAW_MM - TOP_MM + 0.1 * CELL_MM  # as deep as the middles of cells lie in both
+    assert found.depth_mm == pytest.approx(RAW_MM - TOP_MM, abs=0.1 * CELL_MM)
 
 
 def test_cutter_that_meets_metal_with_its_spindle_standing_is_told_on_a_pass() -> None:
