@@ -112,9 +112,15 @@ def main(job: Path, grid_mm: float) -> None:
         "cells_s": (proof.deposited_mm3 + proof.removed_mm3) / grid_mm**3 / seconds,
         "p99": seen.p99_mm,
         "missing": 100.0 * seen.missing_mm3 / seen.part_mm3,
-        "verdict": "passed" if proof.passed else "; ".join(proof.reasons),
+        "verdict": "passed" if proof.passed else _short(proof.reasons),
     }
     print(json.dumps(figures))
+
+
+def _short(reasons: tuple[str, ...]) -> str:
+    """The kinds of reasons and how many of each."""
+    kinds = [reason.partition(":")[0] for reason in reasons]
+    return ", ".join(f"{kind} x{kinds.count(kind)}" for kind in dict.fromkeys(kinds))
 
 
 def _chip() -> tuple[np.ndarray, np.ndarray]:
