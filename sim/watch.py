@@ -64,6 +64,7 @@ class Watch:
         self._events = np.zeros((EVENTS_MAX, wk.KIND + 1))
         self._lines = np.zeros((len(table) + 1, 2))  # by line: rapid, greatest spindle speed
         self._last_point = np.full(4, np.inf)
+        self._last_line = 0
         self._path: list[Floats] = []
         self._recorder = Recorder()
         self.emitted_mm = 0.0
@@ -80,6 +81,10 @@ class Watch:
         self.emitted_mm += lit_mm
         if events:
             self._tell(self._events[:events], world)
+        moved = pieces[:, la.PIECE_LINE]
+        moved = moved[moved > 0.0]
+        if len(moved):  # after the telling: an idle wait ends where a step begins
+            self._last_line = int(moved[-1])
         self._note_path(pieces, trace)
         values = np.empty((count, 8))
         values[:, 0], values[:, 1] = controller.power_setpoint, trace.emission_w
@@ -101,6 +106,7 @@ class Watch:
         return {
             "episodes": self._episodes.copy(), "lines": self._lines[: 1 + int(np.flatnonzero(self._lines.any(axis=1)).max(initial=0))].copy(),
             "last_point": self._last_point.copy(), "path": path, "recorder": self._recorder.state(), "emitted_mm": self.emitted_mm,
+            "last_line": self._last_line,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -112,6 +118,7 @@ class Watch:
         self._path = [np.array(state["path"])]
         self._recorder.restore(state["recorder"])
         self.emitted_mm = float(state["emitted_mm"])
+        self._last_line = int(state["last_line"])
 
     def timeline(self) -> Timeline:
         """The course of the run so far."""
@@ -152,7 +159,7 @@ class Watch:
 
     def _tell(self, events: Floats, world: World) -> None:
         for event in events:
-            kind, line = int(event[wk.KIND]), int(event[wk.LINE])
+            kind, line = int(event[wk.KIND]), int(event[wk.LINE]) or self._last_line  # idle: after the last line that moved
             name, text, warns = self._words(kind, event, world)
             depth = float(event[wk.LENGTH]) if kind in (wk.STRAY, wk.STARVED, wk.WASTE, wk.SLOW, wk.SPEED) else 0.0
             self._findings.add(

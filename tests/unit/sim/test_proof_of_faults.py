@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from config import load_material
@@ -77,6 +78,15 @@ def test_light_at_standstill_is_told_where_the_tip_stands_and_for_how_long() -> 
     found, _ = broken(edited({line: "G4 P0.25"}), "standstill")  # a wait belongs to the line before it, where the tip came to stand
     assert found.line in (line - 1, line) and "250 ms" in found.text
     assert at(found) == pytest.approx((0.0, 0.0, Z), abs=0.05)
+
+
+def test_light_while_the_machine_waits_at_a_barrier_belongs_to_the_line_that_it_came_to_stand_with() -> None:
+    line = line_of("M63 P0", LAYER)
+    given = edited({line: "G90"})
+    wait = np.array([(line + 1, Channel.CARRIER_GAS_L_MIN, 1, 8.0)], dtype=given.schedule.dtype)
+    place = int(np.searchsorted(given.schedule["n"], line + 1))
+    found, _ = broken(replace(given, schedule=np.insert(given.schedule, place, wait)), "standstill")
+    assert found.line == line - 1 and found.layer == LAYER
 
 
 def test_gate_that_stays_open_is_told_from_where_the_pass_should_have_ended() -> None:
