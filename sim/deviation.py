@@ -14,8 +14,8 @@ PER_TOLERANCE = 10.5  # bins from nothing to the tolerance, which lies between t
 REACH_TOLERANCES = 0.5 * BINS / PER_TOLERANCE  # of the histogram, both ways: 4.05
 
 
-@dataclass(frozen=True)
-class Deviation:
+@dataclass(frozen=True, kw_only=True)
+class Spread:
     """Signed distance of the as-built surface from the part's: + too much metal, - metal missing.
 
     Figures in mm over samples spread by area on the part's surface above the joint with the substrate; volumes in mm3.
@@ -31,33 +31,26 @@ class Deviation:
     max_missing_mm: float
     missing_mm3: float
     excess_mm3: float
-    part_mm3: float
     samples: int
+
+    def as_dict(self) -> dict[str, float]:
+        """Plain numbers, rounded to 0.1 um and 0.1 mm3, for JSON."""
+        return rounded(asdict(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deviation(Spread):
+    """The figures of a whole surface. part_mm3 : volume of the part   cell_mm : grid of the stock"""
+
+    part_mm3: float
     cell_mm: float
 
-    def as_dict(self) -> dict[str, float]:
-        """Plain numbers, rounded to 0.1 um and 0.1 mm3, for JSON."""
-        return rounded(asdict(self))
 
-
-@dataclass(frozen=True)
-class LayerDeviation:
-    """The same for the places whose nearest process path is of one layer; a layer that no sample belongs to has volumes only."""
+@dataclass(frozen=True, kw_only=True)
+class LayerDeviation(Spread):
+    """The figures of the places whose nearest process path is of one layer; a layer that no sample belongs to has volumes only."""
 
     layer: int
-    mean_mm: float
-    p50_mm: float
-    p95_mm: float
-    p99_mm: float
-    max_excess_mm: float
-    max_missing_mm: float
-    missing_mm3: float
-    excess_mm3: float
-    samples: int
-
-    def as_dict(self) -> dict[str, float]:
-        """Plain numbers, rounded to 0.1 um and 0.1 mm3, for JSON."""
-        return rounded(asdict(self))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,10 @@ from sim.job import Job
 from sim.proof import thresholds_of, verdict
 from tests.unit.sim.test_findings import Text
 
-GOOD = Deviation(0.0, 0.01, 0.03, 0.09, 0.2, 0.2, 4.0, 5.0, 1000.0, 5000, 0.25)
+GOOD = Deviation(
+    mean_mm=0.0, p50_mm=0.01, p95_mm=0.03, p99_mm=0.09, max_excess_mm=0.2, max_missing_mm=0.2, missing_mm3=4.0, excess_mm3=5.0,
+    part_mm3=1000.0, samples=5000, cell_mm=0.25,
+)  # fmt: skip
 CELL, METAL = load_cell("trunnion_tcp"), load_material("316L")
 LIMITS = thresholds_of(Text(process="hybrid"), CELL, METAL)
 
