@@ -10,6 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from sim.process.target import Target
+from tests.unit.sim.parity import inside_grid
 
 Array = NDArray[np.float64]
 PARTS = Path(__file__).resolve().parents[3] / "config" / "parts"
@@ -39,7 +40,7 @@ def test_inside_of_the_grid_agrees_with_the_formula_of_a_box(turn: float) -> Non
     matrix = trimesh.transformations.rotation_matrix(turn, [1.0, 0.5, 0.2])  # type: ignore[no-untyped-call]
     mesh.apply_transform(matrix)
     target, origin, cell, shape = target_of(mesh), np.array([-5.05, -5.03, -5.01]), 0.5, (21, 21, 21)
-    inside = target.inside_grid(origin, cell, shape)
+    inside = inside_grid(target.corners, origin, cell, shape)
     grid = np.stack(np.meshgrid(*(origin[d] + cell * np.arange(21) for d in range(3)), indexing="ij"), axis=-1)
     local = grid.reshape(-1, 3) @ matrix[:3, :3]
     assert np.array_equal(inside.reshape(-1), (np.abs(local) < [2.5, 1.5, 2.0]).all(axis=1))
@@ -47,7 +48,7 @@ def test_inside_of_the_grid_agrees_with_the_formula_of_a_box(turn: float) -> Non
 
 def test_inside_of_the_grid_holds_the_volume() -> None:
     target = target_of(trimesh.creation.icosphere(4, 5.0))
-    inside = target.inside_grid(np.array([-6.0, -6.0, -6.0]), 0.2, (61, 61, 61))
+    inside = inside_grid(target.corners, np.array([-6.0, -6.0, -6.0]), 0.2, (61, 61, 61))
     assert inside.sum() * 0.2**3 == pytest.approx(target.volume_mm3, rel=0.005)
     assert target.volume_mm3 == pytest.approx(4.0 / 3.0 * np.pi * 125.0, rel=0.01)
 
@@ -103,7 +104,7 @@ def test_field_of_the_part_is_exact_within_the_band_and_its_side_beyond(cell_mm:
     index = np.random.default_rng(1).integers(0, field.shape[0], (4000, 3))
     exact = np.clip(target.signed_distance(origin + cell_mm * index), -band, band)
     assert values[tuple(index.T)] == pytest.approx(exact, abs=1e-6)
-    assert np.array_equal(values < 0.0, target.inside_grid(origin, cell_mm, field.shape))
+    assert np.array_equal(values < 0.0, inside_grid(target.corners, origin, cell_mm, field.shape))
     assert len(field.occupied()) < np.prod(field.blocks.directory.shape)
 
 
