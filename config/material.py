@@ -50,6 +50,11 @@ class Deposition(Facts):
     layer_height_mm: Window
     interpass_s: NotNegative = Field(description="least time from the start of one layer to the start of the next")
     max_overhang_deg: Positive = Field(description="wall angle from the build direction that holds without tilting")
+    max_tilt_deg: Positive = Field(lt=90, description="head off the layer's direction, over an overhang; beyond it the pool runs")
+    max_unsupported_mm: Positive = Field(
+        description="along the side surface: how far a bead laid with the head along that surface may reach beyond what carries it"
+    )
+    max_layer_ratio: Positive = Field(ge=1, description="greatest over least thickness within one layer of varying height")
     overbuild: NotNegative = Field(
         description="relative: how much more than the layer height is deposited, so that no layer falls short"
     )

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PLAN_SCHEMA = 2
+PLAN_SCHEMA = 3
 
 
 class Process(StrEnum):
@@ -110,6 +110,9 @@ class Layer:
     contours : of the section that the layer is built from (its largest: bottom and top united for leaning walls)
     walls : ruled side surfaces bottom to top
     overlap_mm2, overhang_mm2 : areas of paper Eq. 1
+    subcomponent : number in `Plan.subcomponents`
+    overhang : closed outlines of what rests on nothing, in the bottom plane, mm, build frame; holes run clockwise
+    thickness_mm : (2,) least and greatest distance of the two planes over the layer
     """
 
     index: int
@@ -120,6 +123,86 @@ class Layer:
     overlap_mm2: float
     overhang_mm2: float
     operations: tuple[Operation, ...]
+    subcomponent: int = 0
+    overhang: tuple[Array, ...] = ()
+    thickness_mm: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Subcomponent:
+    """A piece of the part that is built in one go on what is there before it (paper V, Fig. 18).
+
+    name : "1", "2" … in the order of building   parent : index of the subcomponent that it stands on, -1: the substrate
+    setup : number in `Plan.setups`   layers : (2,) first layer and one past the last, numbers of `Plan.layers`
+    base : (6,) float, mm, 1   point of its base plane and the unit direction in which it grows, build frame
+    end_direction : (3,) float   the direction of its last layer; that of the base where it grows straight
+    axis : (k, 3) float, mm   its centroidal axis, from the base to its end
+    volume_mm3 : of the part in it   joint_mm2 : area with which it stands on its parent
+    overhang_mm2 : sum over its layers of what rests on nothing   unsupported_mm : longest bead that nothing carries
+    support_mm3 : sacrificial metal built with it and milled away again   why : one line each, why it is so
+    """
+
+    name: str
+    parent: int
+    setup: int
+    layers: tuple[int, int]
+    base: Array
+    end_direction: Array
+    axis: Array
+    volume_mm3: float
+    joint_mm2: float
+    overhang_mm2: float = 0.0
+    unsupported_mm: float = 0.0
+    support_mm3: float = 0.0
+    why: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Subcomponents built one after the other without turning the part in between.
+
+    direction : (3,) float   the direction that points up at its start, build frame
+    turn : how the part is turned from the first set-up, in words: "as clamped", "90° about X"
+    subcomponents : their numbers, in order
+    """
+
+    direction: Array
+    turn: str
+    subcomponents: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The part's centroidal axis as a graph with radii (paper V, Figs. 17-18).
+
+    nodes : (n, 3) float, mm, build frame   radii : (n,) float, mm, of the circle with the section's area
+    edges : (m, 2) int, pairs of nodes
+    """
+
+    nodes: Array
+    radii: Array
+    edges: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to build the part that the planner weighed.
+
+    name : in words   subcomponents, setups : how many   overhang_mm2 : left hanging beyond what the material holds
+    joint_mm2 : area of all joints   time_s : rough   score : smaller is better   buildable : share of the volume, 0 … 1
+    chosen : whether the plan follows it   note : what speaks against it, or why it won
+    """
+
+    name: str
+    subcomponents: int
+    setups: int
+    overhang_mm2: float
+    joint_mm2: float
+    time_s: float
+    score: float
+    buildable: float
+    chosen: bool
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -143,7 +226,11 @@ class Plan:
     findings: tuple[str, ...] = ()
     schema: int = PLAN_SCHEMA
     volumes_mm3: dict[str, float] = field(default_factory=dict)
-    """`part`, `deposited` (nominal) and `milled` (nominal)."""
+    """`part`, `deposited` (nominal), `milled` (nominal) and `support`."""
+    subcomponents: tuple[Subcomponent, ...] = ()
+    setups: tuple[Setup, ...] = ()
+    skeleton: Skeleton | None = None
+    candidates: tuple[Candidate, ...] = ()
 
     @property
     def operations(self) -> list[Operation]:

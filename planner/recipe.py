@@ -12,6 +12,15 @@ from config.base import Finite, Fraction, NotNegative, Positive
 from planner.errors import RecipeError
 
 
+class Cut(Facts):
+    """A cutting plane that the user wants, in the part frame. What lies on the side of the normal is built later, on the cut."""
+
+    point_mm: tuple[Finite, Finite, Finite]
+    normal: tuple[Finite, Finite, Finite]
+    direction: tuple[Finite, Finite, Finite] | None = Field(None, description="in which the piece beyond is built; none: the normal")
+    order: int | None = Field(None, ge=2, description="place in the building order, 1 is what stands on the substrate; none: as found")
+
+
 class Recipe(Facts):
     """The recipe. None means: take it from the material (see `planner.process.Settings`)."""
 
@@ -26,7 +35,13 @@ class Recipe(Facts):
     crease_deg: Positive = Field(35.0, le=180.0, description="edges of the mesh that bend more are creases: contours have corners there")
     layer_rule: Literal["facet", "extruded", "ruled"] = Field("facet", description="thickness of layers: flat facets, Eqs. 15-18 or Eq. 20")
     tolerance_side: Literal["both", "outside", "inside"] = Field("both", description="where the cusp may lie: either side, outside only, inside only")
-    build_direction: tuple[Finite, Finite, Finite] | Literal["auto"] = (0.0, 0.0, 1.0)
+    build_direction: tuple[Finite, Finite, Finite] | Literal["auto"] = Field("auto", description="of what stands on the substrate")
+    decompose: Literal["auto", "never"] = Field("auto", description="cut the part into subcomponents where one direction is not enough")
+    cuts: tuple[Cut, ...] = Field((), description="cutting planes to use instead of those that the planner would find")
+    axis_layers: Literal["auto", "never"] = Field("auto", description="layers turn with the centroidal axis where the part bends")
+    overhang: Literal["tilt", "upright"] = Field("tilt", description="head along the side surface over overhangs, or always along the layer's direction")
+    support: Literal["auto", "never"] = Field("auto", description="sacrificial metal under what no direction can make")
+    substrate_mm: tuple[Positive, Positive] = Field((120.0, 120.0), description="of the plate, for what head and cutter can reach beside it")
     turn_deg: Finite = Field(0.0, ge=-360.0, le=360.0, description="of the part on its plate, about the build direction: past clamps")
     stock: str | None = Field(None, description="process = mill: STL of the stock, in the part frame; none: the bounding box plus allowance")
     layer_height_mm: Positive | None = None
