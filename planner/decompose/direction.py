@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.errors import RecipeError
 from planner.mesh.mesh import Mesh
+from planner.recipe import Recipe
+from planner.slicing.section import plane_frame
 
 Floats = NDArray[np.float64]
 
@@ -16,6 +19,39 @@ _BASE_MM = 0.05  # faces within this height of the lowest point lie on the subst
 _WEIGHTS = {"overhang": 1.0, "height": 0.3, "base": 0.5}
 """Of overhanging area, height and missing base, each relative to the part's size. Overhang costs most: it falls away;
 the base holds the part while it is milled; height costs time only."""
+
+
+def build_direction(mesh: Mesh, recipe: Recipe) -> tuple[Floats, list[str]]:
+    """The unit build direction in the part frame, and what was decided.  Raises RecipeError if it has no length."""
+    if recipe.build_direction == "auto":
+        return best_direction(mesh)
+    return asked_direction(recipe.build_direction, "build_direction"), []
+
+
+def asked_direction(asked: tuple[float, float, float], name: str) -> Floats:
+    """(3,) float   A recipe's direction as a unit vector.  name : of its field.  Raises RecipeError if it has no length."""
+    vector = np.array(asked, dtype=np.float64)
+    length = float(np.linalg.norm(vector))
+    if length < 1e-9:
+        raise RecipeError(f"{name}: asked (0, 0, 0), it needs a length", 'give a vector or "auto"')
+    return vector / length
+
+
+def build_frame(mesh: Mesh, direction: Floats, turn_deg: float = 0.0) -> Floats:
+    """(4, 4) float   build_from_part: z along the direction, the box's centre at x = y = 0, its lowest point at z = 0.
+
+    turn_deg : counter-clockwise about z.
+    """
+    rotation = plane_frame(np.concatenate([np.zeros(3), direction]))[1:]
+    if turn_deg:
+        cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ rotation
+    turned = mesh.vertices[np.unique(mesh.facets)] @ rotation.T
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    build_from_part = np.eye(4)
+    build_from_part[:3, :3] = rotation
+    build_from_part[:3, 3] = -np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])
+    return build_from_part
 
 
 def best_direction(mesh: Mesh) -> tuple[Floats, list[str]]:
