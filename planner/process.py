@@ -11,6 +11,7 @@ from planner.errors import RecipeError
 from planner.recipe import Recipe
 
 _FILLS = 1e-9  # relative: rounding of the closed forms below
+_FALLS_SHORT = 0.05  # of a bead's metal: what the overbuild and the neighbours make up for
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,34 @@ class Settings:
                 "choose a lower layer, a lower speed or more powder",
             )
         return bead
+
+    def with_area(self, bead: Bead, area_mm2: float) -> Bead:
+        """The bead with another cross-section and, as far as the window allows, the same width: speed first, then powder.
+
+        Power follows the speed so that the width stays. What the recipe fixes stays. Where the window has no so small a
+        bead, the smallest of it.
+        Raises RecipeError if the window has none so large.
+        """
+        facts, recipe, law = self.material.deposition, self.recipe, self.material.bead
+        speed, powder, power = bead.speed_mm_s, bead.powder_g_min, bead.laser_w
+        if recipe.speed_mm_s is None:
+            speed = _clamped(speed * bead.area_mm2 / area_mm2, facts.speed_mm_s)
+        per_area = self.material.density_g_mm3 * speed * 60.0 / law.catch_efficiency
+        if recipe.powder_g_min is None:
+            powder = _clamped(area_mm2 * per_area, facts.powder_g_min)
+        if recipe.laser_w is None and law.width_power_exponent:
+            asked = power * (speed / bead.speed_mm_s) ** (-law.width_speed_exponent / law.width_power_exponent)
+            power = min(max(asked, facts.laser_w.min, law.min_power_w), facts.laser_w.max)
+        width = bead.width_mm * (power / bead.laser_w) ** law.width_power_exponent
+        width *= (speed / bead.speed_mm_s) ** law.width_speed_exponent
+        made = Bead(speed, power, powder, width, powder / per_area, bead.step_mm)
+        if made.area_mm2 < area_mm2 * (1.0 - _FALLS_SHORT):
+            raise RecipeError(
+                f"layer_height_mm: {area_mm2 / bead.step_mm:.3g} mm are wanted of a bead, but those of {self.material.name} make "
+                f"at most {made.height_mm:.3g} mm at {speed:.3g} mm/s and {powder:.3g} g/min",
+                "choose a lower layer, a lower speed or more powder",
+            )
+        return made
 
     def _bead(self, speed_mm_s: float, powder_g_min: float, laser_w: float) -> Bead:
         law = self.material.bead

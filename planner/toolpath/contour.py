@@ -15,6 +15,7 @@ from planner.process import Bead, Settings
 from planner.toolpath.corners import into_corners
 from planner.toolpath.fitting import Stretch
 from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
+from planner.toolpath.relief import Relief
 
 Floats = NDArray[np.float64]
 
@@ -38,10 +39,13 @@ def edge_mm(bead: Bead, settings: Settings) -> float:
     return 0.5 * (bead.width_mm - bead.step_mm) if settings.is_milled else 0.0
 
 
-def contour_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings) -> list[Pass]:
+def contour_passes(
+    grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings, relief: Relief | None = None
+) -> list[Pass]:
     """The contours of one layer, outermost first.
 
-    grown : region to fill, allowance included, mm   z : of the surface that receives the beads.
+    grown : region to fill, allowance included, mm   z : of the surface that receives the beads
+    relief : of a layer that is not equally high everywhere.
     The first bead's centre runs half a width inside the boundary, a little less in sharp corners, each further one a step
     inside the last.
     """
@@ -53,7 +57,7 @@ def contour_passes(grown: MultiPolygon, z: float, layer: int, bead: Bead, settin
         for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
             loop = lifted(ring.curve, z)
             start = (_rightmost(loop) / loop.length + _GOLDEN * (layer + number)) % 1.0
-            passes.append(closed_bead(loop.started_at(start * loop.length), bead, settings))
+            passes.append(closed_bead(loop.started_at(start * loop.length), bead, settings, relief=relief))
     return passes
 
 
@@ -64,40 +68,58 @@ def _rightmost(loop: Motion) -> float:
     return float(arcs[int(np.argmax(np.round(points[:, 0], 3)))])
 
 
-def closed_bead(loop: Motion, bead: Bead, settings: Settings, stretches: Sequence[Stretch] = ()) -> Pass:
+def closed_bead(
+    loop: Motion, bead: Bead, settings: Settings, stretches: Sequence[Stretch] = (), relief: Relief | None = None
+) -> Pass:
     """A bead all the way round: tangential lead-in, the loop, a little overlap, lead-out along the loop.
 
-    stretches : along the loop, where the bead changes.
+    stretches : along the loop, where the bead changes   relief : of the layer, where it is not equally high everywhere.
     """
     facts = settings.material.deposition
     length = loop.length
     overlap = min(_OVERLAP * bead.width_mm, 0.2 * length)
     tail = min(overlap + facts.lead_out_mm, 0.9 * length)
     beads = stretches or [Stretch(0.0, bead)]
+    if relief is not None:
+        beads = relief.along(loop, length + overlap, beads, settings)
     return _with_leads(loop, [loop, loop.from_arc(tail)[0]], length + overlap, beads, settings)
 
 
-def open_bead(line: Motion, bead: Bead, settings: Settings, stretches: Sequence[Stretch] = ()) -> Pass:
-    """A bead from end to end, led in and out along its tangents.  stretches : where the bead changes along it."""
+def open_bead(
+    line: Motion, bead: Bead, settings: Settings, stretches: Sequence[Stretch] = (), relief: Relief | None = None
+) -> Pass:
+    """A bead from end to end, led in and out along its tangents.
+
+    stretches : where the bead changes along it   relief : of the layer, where it is not equally high everywhere.
+    """
     pieces = [line]
     if settings.material.deposition.lead_out_mm > 0.0:
         end = line.ends()[2]
         beyond = end + settings.material.deposition.lead_out_mm * line.tangent(at_end=True)
         pieces.append(straight([end, beyond], line.ends()[3]))
-    return _with_leads(line, pieces, line.length, stretches or [Stretch(0.0, bead)], settings)
+    beads = stretches or [Stretch(0.0, bead)]
+    if relief is not None:
+        beads = relief.along(line, line.length, beads, settings)
+    return _with_leads(line, pieces, line.length, beads, settings)
 
 
-def straight_bead(start: Floats, end: Floats, bead: Bead, settings: Settings) -> Pass:
-    """A straight bead, led in and out along its own line: one line in all.  start, end : (3,) float, mm."""
+def straight_bead(start: Floats, end: Floats, bead: Bead, settings: Settings, relief: Relief | None = None) -> Pass:
+    """A straight bead, led in and out along its own line: one line in all.
+
+    start, end : (3,) float, mm   relief : of the layer, where it is not equally high everywhere.
+    """
     facts = settings.material.deposition
     gas = facts.shield_gas_l_min.usual
     lit = float(np.linalg.norm(end - start))
     along = (end - start) / lit
-    rows = [bead_row(facts.lead_in_mm, bead, gas, True)]
+    beads = [Stretch(0.0, bead)]
+    if relief is not None:
+        beads = relief.along(straight([start, end]), lit, beads, settings)
+    rows = [bead_row(facts.lead_in_mm + stretch.at_mm, stretch.bead, gas, True) for stretch in beads]
     if facts.lead_in_mm > 0.0:
-        rows.insert(0, bead_row(0.0, bead, gas, False))
+        rows.insert(0, bead_row(0.0, beads[0].bead, gas, False))
     if facts.lead_out_mm > 0.0:
-        rows.append(bead_row(facts.lead_in_mm + lit, bead, gas, False))
+        rows.append(bead_row(facts.lead_in_mm + lit, beads[-1].bead, gas, False))
     line = straight([start - facts.lead_in_mm * along, end + facts.lead_out_mm * along])
     return process_pass(line, rows)
 

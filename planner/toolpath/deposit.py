@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from planner.toolpath.contour import closed_bead, contour_passes, edge_mm, open_
 from planner.toolpath.fill import fill_passes
 from planner.toolpath.fitting import fitted_stretches, widest_mm
 from planner.toolpath.motion import UP, Motion
+from planner.toolpath.relief import Relief
 
 Floats = NDArray[np.float64]
 
@@ -52,16 +54,25 @@ class Dropped:
 
 
 def deposit_operations(
-    layer: LayerRegion, bead: Bead, settings: Settings, is_top: bool = False
+    layer: LayerRegion,
+    bead: Bead,
+    settings: Settings,
+    is_top: bool = False,
+    *,
+    height_at: Callable[[Floats], Floats] | None = None,
 ) -> tuple[list[Operation], list[Dropped]]:
     """Operations that deposit a layer on its lower plane, without links, and what falls away.
 
-    is_top : part of the layer's top is a finished face.
+    bead : for the layer's greatest height   is_top : part of the layer's top is a finished face
+    height_at : (n, 2) float, mm, in the layer's plane, to (n,) float, mm, the layer's height there; the beads' heights follow
+    it along each pass, by speed and powder. None: as high everywhere as the two planes are apart.
+    Raises RecipeError if the material's window has no bead as high as asked.
     """
+    relief = Relief.of(layer, bead, settings, height_at) if height_at is not None else None
     grown = grown_region(layer, bead, settings)
-    middles, dropped, wide = _thin_passes(grown, layer, bead, settings)
-    contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings)
-    fill = fill_passes(wide, layer.z_bottom, layer.index, bead, settings, is_top)
+    middles, dropped, wide = _thin_passes(grown, layer, bead, settings, relief)
+    contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings, relief)
+    fill = fill_passes(wide, layer.z_bottom, layer.index, bead, settings, is_top, relief)
     operations: list[Operation] = []
     for process, passes in ((Process.DEPOSIT_CONTOUR, [*contours, *middles]), (Process.DEPOSIT_FILL, fill)):
         if passes:
@@ -79,7 +90,7 @@ def deposit_operations(
 
 
 def _thin_passes(
-    grown: MultiPolygon, layer: LayerRegion, bead: Bead, settings: Settings
+    grown: MultiPolygon, layer: LayerRegion, bead: Bead, settings: Settings, relief: Relief | None
 ) -> tuple[list[Pass], list[Dropped], MultiPolygon]:
     """A bead of fitting width along the middle of each part too narrow for two, what is too thin for any, and the rest."""
     passes: list[Pass] = []
@@ -95,7 +106,7 @@ def _thin_passes(
         for line in part.lines:
             motion = Motion(_middle_curve(line.points, line.closed, layer.z_bottom), UP)
             stretches = fitted_stretches(line, bead, edge, settings)
-            passes.append((closed_bead if line.closed else open_bead)(motion, bead, settings, stretches))
+            passes.append((closed_bead if line.closed else open_bead)(motion, bead, settings, stretches, relief))
     if not taken:
         return passes, dropped, grown
     rest = shapely.difference(grown, shapely.union_all(taken))

@@ -14,6 +14,7 @@ from planner.nurbs.offset import inset
 from planner.plan import Pass
 from planner.process import Bead, Settings
 from planner.toolpath.contour import edge_mm, straight_bead
+from planner.toolpath.relief import Relief
 
 Floats = NDArray[np.float64]
 
@@ -132,15 +133,22 @@ def _nearest(at: tuple[float, float], strands: list[list[Piece]]) -> int:
 
 
 def fill_passes(
-    grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings, is_top: bool = False
+    grown: MultiPolygon,
+    z: float,
+    layer: int,
+    bead: Bead,
+    settings: Settings,
+    is_top: bool = False,
+    relief: Relief | None = None,
 ) -> list[Pass]:
     """The hatch of one layer.
 
-    grown : region to fill, allowance included, mm   z : of the surface that receives it   is_top : has a finished face.
+    grown : region to fill, allowance included, mm   z : of the surface that receives it   is_top : has a finished face
+    relief : of a layer that is not equally high everywhere.
     """
     region = infill_region(grown, bead, settings, is_top)
     region = MultiPolygon([part for part in region.geoms if not inset(part, _LEAST_STRIP * bead.step_mm).is_empty])
     if region.is_empty:
         return []
     tracks = hatch_tracks(region, hatch_angle(layer, settings), bead.step_mm, _LEAST_LINE * bead.width_mm)
-    return [straight_bead(np.append(track.start, z), np.append(track.end, z), bead, settings) for track in tracks]
+    return [straight_bead(np.append(track.start, z), np.append(track.end, z), bead, settings, relief) for track in tracks]
