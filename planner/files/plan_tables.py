@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.files import piece_tables as pieces
+from planner.files.piece_tables import offsets, stacked
 from planner.nurbs.curve import Curve
 from planner.plan import Contour, Layer, Operation, Pass, Plan, Process, Wall
 
@@ -20,15 +22,21 @@ PROCESSES = tuple(Process)
 UNITS = {
     "contours/deviation": "mm",
     "contours/smooth_deviation": "mm (NaN: follows facets)",
+    "curves/knots": "1",
+    "curves/weights": "1",
     "curves/points": "mm (tool axes: 1)",
     "layers/bottom": "mm, 1",
     "layers/top": "mm, 1",
     "layers/areas": "overlap, overhang: mm^2",
+    "layers/thickness": "least, greatest: mm",
+    "outlines/points": "mm",
     "operations/numbers": "cutter diameter mm, spindle 1/min, interpass s, bead width mm, bead height mm",
+    "passes/axis": "1",
     "passes/setpoints": "arc length mm, feed mm/s, laser W, powder g/min, shield gas L/min",
     "walls/twist": "rad",
     "plan/bounds": "mm",
     "plan/build_from_part": "mm, 1",
+    **pieces.UNITS,
 }
 
 
@@ -47,11 +55,11 @@ class _Curves:
         return {
             "curves/degree": np.array([c.degree for c in curves], dtype="<i4"),
             "curves/rational": np.array([c.weights is not None for c in curves], dtype="u1"),
-            "curves/knot_offset": _offsets([len(c.knots) for c in curves]),
-            "curves/point_offset": _offsets([len(c.control_points) for c in curves]),
-            "curves/knots": _stacked([c.knots for c in curves], ()),
-            "curves/points": _stacked([c.control_points for c in curves], (3,)),
-            "curves/weights": _stacked(
+            "curves/knot_offset": offsets([len(c.knots) for c in curves]),
+            "curves/point_offset": offsets([len(c.control_points) for c in curves]),
+            "curves/knots": stacked([c.knots for c in curves], ()),
+            "curves/points": stacked([c.control_points for c in curves], (3,)),
+            "curves/weights": stacked(
                 [np.ones(len(c.control_points)) if c.weights is None else c.weights for c in curves], ()
             ),
         }
@@ -69,17 +77,22 @@ def tables_of(plan: Plan) -> dict[str, Table]:
     tables = curves.tables()
     for name, (dtype, shape) in _ROWS.items():
         tables[name] = np.array(rows[name], dtype=dtype).reshape(-1, *shape)
-    tables["layers/curve_offset"] = _offsets(curve_counts)
-    tables["layers/contour_offset"] = _offsets([len(layer.contours) for layer in plan.layers])
-    tables["layers/wall_offset"] = _offsets([len(layer.walls) for layer in plan.layers])
-    tables["layers/operation_offset"] = _offsets([len(layer.operations) for layer in plan.layers])
+    tables["layers/curve_offset"] = offsets(curve_counts)
+    tables["layers/contour_offset"] = offsets([len(layer.contours) for layer in plan.layers])
+    tables["layers/wall_offset"] = offsets([len(layer.walls) for layer in plan.layers])
+    tables["layers/outline_offset"] = offsets([len(layer.overhang) for layer in plan.layers])
+    outlines = [outline for layer in plan.layers for outline in layer.overhang]
+    tables["outlines/point_offset"] = offsets([len(outline) for outline in outlines])
+    tables["outlines/points"] = stacked(outlines, (3,))
+    tables["layers/operation_offset"] = offsets([len(layer.operations) for layer in plan.layers])
     operations = plan.operations
-    tables["operations/pass_offset"] = _offsets([len(operation.passes) for operation in operations])
+    tables["operations/pass_offset"] = offsets([len(operation.passes) for operation in operations])
     setpoints = [step.setpoints for operation in operations for step in operation.passes]
-    tables["passes/setpoint_offset"] = _offsets([len(rows_) for rows_ in setpoints])
-    tables["passes/setpoints"] = _stacked(setpoints, (5,))
+    tables["passes/setpoint_offset"] = offsets([len(rows_) for rows_ in setpoints])
+    tables["passes/setpoints"] = stacked(setpoints, (5,))
     tables["plan/build_from_part"] = np.asarray(plan.build_from_part, dtype="<f8")
     tables["plan/bounds"] = np.asarray(plan.bounds, dtype="<f8")
+    tables.update(pieces.piece_tables(plan))
     tables["plan/words"] = np.frombuffer(_words(plan, operations), dtype="u1")
     return tables
 
@@ -89,6 +102,8 @@ _ROWS: dict[str, tuple[str, tuple[int, ...]]] = {
     "layers/bottom": ("<f8", (6,)),
     "layers/top": ("<f8", (6,)),
     "layers/areas": ("<f8", (2,)),
+    "layers/subcomponent": ("<i4", ()),
+    "layers/thickness": ("<f8", (2,)),
     "contours/curve": ("<i4", ()),
     "contours/is_hole": ("u1", ()),
     "contours/parent": ("<i4", ()),
@@ -112,6 +127,8 @@ def _add_layer(layer: Layer, curves: _Curves, rows: dict[str, list[Any]]) -> Non
     rows["layers/bottom"].append(layer.bottom)
     rows["layers/top"].append(layer.top)
     rows["layers/areas"].append((layer.overlap_mm2, layer.overhang_mm2))
+    rows["layers/subcomponent"].append(layer.subcomponent)
+    rows["layers/thickness"].append(layer.thickness_mm)
     for contour in layer.contours:
         rows["contours/curve"].append(curves.add(contour.curve))
         rows["contours/is_hole"].append(contour.is_hole)
@@ -155,16 +172,9 @@ def _words(plan: Plan, operations: list[Operation]) -> bytes:
         "findings": list(plan.findings),
         "volumes_mm3": plan.volumes_mm3,
         "notes": [operation.note for operation in operations],
+        **pieces.piece_words(plan),
     }
     return json.dumps(words, sort_keys=True, ensure_ascii=False).encode()
-
-
-def _offsets(counts: list[int]) -> Table:
-    return np.concatenate([[0], np.cumsum(np.array(counts, dtype=np.int64))]).astype("<i8")
-
-
-def _stacked(arrays: list[Any], shape: tuple[int, ...]) -> Table:
-    return np.concatenate([np.asarray(a, dtype="<f8") for a in arrays]) if arrays else np.empty((0, *shape), dtype="<f8")
 
 
 def plan_from(tables: Mapping[str, Table]) -> Plan:
@@ -187,6 +197,10 @@ def plan_from(tables: Mapping[str, Table]) -> Plan:
         layers=tuple(layers),
         findings=tuple(words["findings"]),
         volumes_mm3=words["volumes_mm3"],
+        subcomponents=pieces.subcomponents_from(tables, words),
+        setups=pieces.setups_from(tables, words),
+        skeleton=pieces.skeleton_from(tables, words),
+        candidates=pieces.candidates_from(tables, words),
     )
 
 
@@ -205,6 +219,7 @@ def layer_from(read: Read, number: int, notes: list[str]) -> Layer:
     walls = _range(read, "layers/wall_offset", number)
     pairs, twists = read("walls/curves", *walls), read("walls/twist", *walls)
     areas = read("layers/areas", number, number + 1)[0]
+    least, greatest = (float(v) for v in read("layers/thickness", number, number + 1)[0])
     return Layer(
         index=int(read("layers/index", number, number + 1)[0]),
         bottom=np.array(read("layers/bottom", number, number + 1)[0]),
@@ -220,6 +235,9 @@ def layer_from(read: Read, number: int, notes: list[str]) -> Layer:
             _operation(read, row, curves, notes[row])
             for row in range(*_range(read, "layers/operation_offset", number))
         ),
+        subcomponent=int(read("layers/subcomponent", number, number + 1)[0]),
+        overhang=_outlines(read, number),
+        thickness_mm=(least, greatest),
     )
 
 
@@ -229,6 +247,15 @@ _CONTOUR = ("curve", "is_hole", "parent", "deviation", "smooth_deviation")
 def _range(read: Read, name: str, number: int) -> tuple[int, int]:
     first, last = read(name, number, number + 2)
     return int(first), int(last)
+
+
+def _outlines(read: Read, number: int) -> tuple[Table, ...]:
+    """The closed outlines of what hangs in a layer."""
+    first, last = _range(read, "layers/outline_offset", number)
+    at = read("outlines/point_offset", first, last + 1)
+    points = read("outlines/points", int(at[0]), int(at[-1]))
+    at = at - at[0]
+    return tuple(np.array(points[int(at[k]) : int(at[k + 1])]) for k in range(last - first))
 
 
 def _read_curves(read: Read, first: int, last: int) -> dict[int, Curve]:
