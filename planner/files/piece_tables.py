@@ -34,7 +34,7 @@ def stacked(arrays: Sequence[Any], shape: tuple[int, ...]) -> Table:
     return np.concatenate([np.asarray(a, dtype="<f8") for a in arrays]) if arrays else np.empty((0, *shape), dtype="<f8")
 
 
-def _rows(values: Sequence[Any], dtype: str, shape: tuple[int, ...] = ()) -> Table:
+def _rows(values: Any, dtype: str, shape: tuple[int, ...] = ()) -> Table:
     return np.array(values, dtype=dtype).reshape(-1, *shape)
 
 

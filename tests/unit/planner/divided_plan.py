@@ -68,7 +68,7 @@ def layer_of(index: int, bottom: Floats, top: Floats, radius: float, piece: int,
         bead = Pass(Curve.from_polyline(outline), bottom[3:], rows)
         beads.append(Operation(Process.DEPOSIT_OVERHANG, index, (bead,), bead_width_mm=2.0))
     apart = float(np.linalg.norm(top[:3] - bottom[:3]))
-    lean = np.deg2rad(BEND_STEP_DEG) * radius if turns else 0.0
+    lean = float(np.deg2rad(BEND_STEP_DEG)) * radius if turns else 0.0
     return Layer(
         index, bottom, top, (Contour(curve, False, -1, 0.001, 0.002),), (), disc(radius).area - area, area,
         tuple(beads), piece, outlines, (apart - lean, apart + lean),
