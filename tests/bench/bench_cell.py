@@ -1,17 +1,20 @@
-"""The whole cell on the paper's two parts: plan, post and prove, then the same job by wire through REST, measured at the plant."""
+"""The whole cell on the paper's four parts: plan, post and prove, then the same job by wire through REST, measured at the plant."""
 
 from __future__ import annotations
 
 import shutil
+import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import planner
-from cellctl.client import Client
+from cellctl.client import Client, ServiceError
 from cellctl.demo import ENDED, Demo, DemoError, ask_sim
 from config import load_cell
+from planner.errors import PlannerError
 from planner.mesh import load
 from planner.recipe import load_recipe
 from sim import prove
@@ -19,7 +22,8 @@ from tests.bench.table import RESULTS, Cell, Table
 
 PARTS = Path(__file__).resolve().parents[2] / "config" / "parts"
 CELL = "trunnion_tcp"
-CUSP_MM = {"pipe": 0.04, "bearing": 0.08}  # paper, Table 1: maximum allowable cusp height
+CUSP_MM = {"pipe": 0.04, "bearing": 0.08, "hinge": 0.08, "double_arc": 0.08}
+"""Greatest cusp height: the paper's of Table 1 for pipe and bearing, the recipe's for the parts of Figs. 17 and 18."""
 CELL_MM = 0.25
 MISSING_SHARE = 0.005  # of the part's volume: the stated bound
 TIME_SCALE = 20.0
@@ -98,12 +102,21 @@ def by_wire(part: str) -> tuple[Cell, ...]:
     )  # fmt: skip
 
 
+def row(part: str, how: str, build: Callable[[str], tuple[Cell, ...]]) -> tuple[Cell, ...]:
+    """A part's line; one that is refused has its reason among the findings."""
+    try:
+        return build(part)
+    except (PlannerError, DemoError, ServiceError) as error:
+        return (part, how, *["-"] * (len(COLUMNS) - 4), " ".join(str(error).split()), "no")
+
+
 def run() -> list[Table]:
-    """Both parts proven, then both built by wire."""
+    """The four parts, or those of them named on the command line: proven, then built by wire."""
     RESULTS.mkdir(parents=True, exist_ok=True)
-    rows = [proven(part) for part in CUSP_MM] + [by_wire(part) for part in CUSP_MM]
+    chosen = [part for part in CUSP_MM if part in sys.argv[1:]] or list(CUSP_MM)
+    rows = [row(part, "proof", proven) for part in chosen] + [row(part, "by wire", by_wire) for part in chosen]
     note = (
-        f"hybrid, {CELL}; bound: C_max of the paper's Table 1 and half a cell; missing at most {100 * MISSING_SHARE:g} %; "
+        f"hybrid, {CELL}; bound: C_max and half a cell; missing at most {100 * MISSING_SHARE:g} %; "
         f"by wire {TIME_SCALE:g} times as fast as a real cell, all of the surface measured at the plant; pictures beside this table"
     )
-    return [Table("Pipe and bearing through the whole cell", COLUMNS, rows, note)]
+    return [Table("The paper's four through the whole cell", COLUMNS, rows, note)]
