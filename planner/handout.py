@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from planner.mesh.mesh import Mesh
 from planner.plan import Contour, Layer, Operation, Wall
@@ -12,6 +14,8 @@ from planner.recipe import Recipe
 from planner.slicing.contours import ContourStyle, layer_contours_many
 from planner.slicing.regions import LayerRegion
 from planner.slicing.walls import ruled_walls_many
+
+Floats = NDArray[np.float64]
 
 LOT = 8
 """Layers whose contours are fitted together: enough to share the fixed cost of a fit, few enough to be waited for."""
@@ -21,7 +25,8 @@ class Handout:
     """Takes layers with their operations, in the order in which they are made, and makes the Plan's layers of them.
 
     The first layer is made at once, the others in lots.
-    part : in the build frame   count : layers in all   on_layer : handed each layer   progress : told the share done
+    part : in the frame of its layers   count : layers in all   on_layer : handed each layer   progress : told the share done
+    placed : carries each layer to the frame and the number that it has in the Plan
     """
 
     def __init__(
@@ -31,10 +36,11 @@ class Handout:
         count: int,
         on_layer: Callable[[Layer], None] | None,
         progress: Callable[[float], None],
+        placed: Callable[[Layer], Layer] = lambda layer: layer,
     ) -> None:
         self.part, self.count = part, count
         self.style = ContourStyle.from_recipe(recipe)
-        self.on_layer, self.progress = on_layer, progress
+        self.on_layer, self.progress, self.placed = on_layer, progress, placed
         self.waiting: list[tuple[LayerRegion, tuple[Operation, ...]]] = []
         self.layers: list[Layer] = []
 
@@ -58,7 +64,7 @@ class Handout:
         walls_of = {region.index: walls for region, walls in zip(leaning, ruled, strict=True)}
         for (region, operations), contours in zip(self.waiting, outlines, strict=True):
             walls = walls_of[region.index] if region.index in walls_of else upright_walls(region, contours)
-            layer = layer_of(region, contours, walls, operations)
+            layer = self.placed(layer_of(region, contours, walls, operations))
             self.layers.append(layer)
             if self.on_layer is not None:
                 self.on_layer(layer)
@@ -85,4 +91,17 @@ def layer_of(
         overlap_mm2=region.overlap_mm2,
         overhang_mm2=region.overhang_mm2,
         operations=tuple(operations),
+        overhang=outlines_of(region),
+        thickness_mm=(region.height_mm, region.height_mm),
     )
+
+
+def outlines_of(region: LayerRegion) -> tuple[Floats, ...]:
+    """Closed outlines of what of a layer rests on nothing, (n, 3) float, mm, in its bottom plane; holes run clockwise."""
+    rings: list[Floats] = []
+    for piece in region.overhang.geoms:
+        turned = shapely.geometry.polygon.orient(piece)
+        for ring in (turned.exterior, *turned.interiors):
+            xy = shapely.get_coordinates(ring)
+            rings.append(np.column_stack([xy, np.full(len(xy), region.z_bottom)]))
+    return tuple(rings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import shapely
 from shapely import MultiPolygon
 
@@ -14,6 +15,7 @@ from planner.process import Settings
 from planner.slicing.regions import LayerRegion, united
 from planner.toolpath.axis import ends_clear, goes_on_below, leans_inward, ruled_motions, steepest_lean
 from planner.toolpath.bands import Band
+from planner.toolpath.beside import Stands, blocked_mm, blocked_near, passes_beside, polygons
 from planner.toolpath.face import face_passes
 from planner.toolpath.motion import Motion
 from planner.toolpath.side import (
@@ -35,39 +37,59 @@ _BESIDE_MM = 0.01  # the same on stretches that are chosen to lie beside it
 
 
 def face_operation(
-    metal: MultiPolygon, layer: LayerRegion, above_mm: float, settings: Settings, note: str = ""
+    metal: MultiPolygon,
+    layer: LayerRegion,
+    above_mm: float,
+    settings: Settings,
+    note: str = "",
+    *,
+    stands: Stands | None = None,
 ) -> Operation | None:
     """Facing of a layer's top, in depths of at most the axial depth; None where there is nothing to face.
 
-    metal : what stands there, bulge included, mm   above_mm : height of the metal over the plane.
+    metal : what stands there, bulge included, mm   above_mm : height of the metal over the plane   stands : what else does.
     """
     depth = settings.material.milling.axial_depth_mm
     cuts = max(1, -int(-(above_mm - 1e-9) // depth))
     passes: list[Pass] = []
     for cut in range(cuts):
-        passes.extend(face_passes(metal, layer.z_top + (cuts - cut - 1) * above_mm / cuts, settings))
+        z = layer.z_top + (cuts - cut - 1) * above_mm / cuts
+        blocked = stands(z, settings) if stands is not None else MultiPolygon()
+        passes.extend(face_passes(metal, z, settings, blocked))
     return _milled(Process.MILL_FACE, layer.index, passes, settings, note) if passes else None
 
 
 def side_operations(
-    band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
+    band: Band,
+    below: Sequence[LayerRegion],
+    excess_mm: float,
+    run_down_mm: float,
+    settings: Settings,
+    *,
+    stands: Stands | None = None,
 ) -> tuple[list[Operation], list[Left]]:
     """Milling of a band's walls, with the small cutter after the other where the recipe names one, and what they leave.
 
     below : the finished layers under the band, from the lowest   excess_mm : metal outside the walls
-    run_down_mm : how far its metal may have run down on a wall that leans inward.
+    run_down_mm : how far its metal may have run down on a wall that leans inward   stands : what must not be cut beside it.
     """
     small = settings.with_small_cutter()
     note: str = band.kind
     passes = _ruled_passes(band, below, excess_mm, run_down_mm, settings) if band.kind == "ruled" else []
+    if stands is not None and _meets(passes, band, stands, settings):
+        passes = []
     rest: list[Pass] = []
     if not passes:
         note = "upright" if band.kind == "upright" else "stepped"
-        passes, rest = _upright_passes(band, below, excess_mm, run_down_mm, settings, small)
+        passes, rest = _upright_passes(band, below, excess_mm, run_down_mm, settings, small, stands)
     operations = [_milled(Process.MILL_SIDE, band.last, passes, settings, note)] if passes else []
     if rest and small is not None:
         operations.append(_milled(Process.MILL_SIDE, band.last, rest, small, f"{note}, rest"))
-    left = _left_by_the_cutter(band, small if rest and small is not None else settings)
+    last = small if rest and small is not None else settings
+    left = _left_by_the_cutter(band, last)
+    missed = blocked_mm(band.region, blocked_near(band.region, band.z_bottom, 0.0, last, stands), last)
+    if missed > _CLEAR_MM and note != "ruled":
+        left.append(Left("beside", band.z_bottom, band.z_top, "", 0, missed * (band.z_top - band.z_bottom)))
     if note == "stepped" or not operations:
         left.append(Left("cusps" if operations else "none", band.z_bottom, band.z_top, "", 0, 0.0))
     return operations, left
@@ -91,6 +113,7 @@ def _upright_passes(
     run_down_mm: float,
     settings: Settings,
     small: Settings | None,
+    stands: Stands | None = None,
 ) -> tuple[list[Pass], list[Pass]]:
     """Passes round a band, and those of the small cutter where the other does not come.
 
@@ -106,26 +129,43 @@ def _upright_passes(
                 return make(band.z_bottom - depth), True
         return passes, False
 
-    passes, is_sunk = lowered(lambda z: upright_passes(band.region, z, excess_mm, settings), settings)
+    sunk = min(sunk, band.z_bottom - below[0].z_bottom) if below else 0.0
+    passes, is_sunk = lowered(lambda z: passes_beside(band.region, z, excess_mm, settings, stands), settings)
     rest: list[Pass] = []
-    missed = _missed(band, settings)
+    missed = _missed(band, settings, stands)
     if small is not None and not missed.is_empty:
         beside = outset(missed, small.cutter_radius_mm + PAST_START_MM)
-        rest, _ = lowered(lambda z: stretch_passes(band.region, beside, z, excess_mm, small), small)
+        blocked = blocked_near(band.region, band.z_bottom - max(sunk, OVERLAP_MM), excess_mm, small, stands)
+        free = polygons(shapely.difference(beside, blocked))
+        rest, _ = lowered(lambda z: stretch_passes(band.region, free, z, excess_mm, small), small)
     if not is_sunk:
-        (passes if small is None else rest).extend(_under_passes(band, below, sunk, small or settings))
+        (passes if small is None else rest).extend(_under_passes(band, below, sunk, small or settings, stands))
     return passes, rest
 
 
 def _sunk_mm(band: Band, run_down_mm: float) -> float:
-    """How deep under its bottom a band's cutter should reach, mm: to the substrate at most."""
-    return min(run_down_mm, band.z_bottom) if band.kind == "upright" else 0.0
+    """How deep under its bottom a band's cutter should reach, mm."""
+    return run_down_mm if band.kind == "upright" else 0.0
 
 
-def _missed(band: Band, settings: Settings) -> MultiPolygon:
+def _meets(passes: Sequence[Pass], band: Band, stands: Stands, settings: Settings) -> bool:
+    """Whether the cutter's end comes into what stands beside a band on passes whose axis leans."""
+    blocked = stands(band.z_bottom, settings)
+    if not passes or blocked.is_empty:
+        return False
+    lines = [shapely.LineString(step.tip.evaluate(step.tip.sample(0.05))[:, :2]) for step in passes]
+    return bool(shapely.intersects(np.array(lines, dtype=object), blocked).any())
+
+
+def _missed(band: Band, settings: Settings, stands: Stands | None) -> MultiPolygon:
     """Where the cutter leaves metal outside a band's walls, mm."""
     missed = unreached(band.region, settings.cutter_radius_mm)
-    return MultiPolygon([*missed.closed.geoms, *missed.corners.geoms])
+    blocked = blocked_near(band.region, band.z_bottom, 0.0, settings, stands)
+    kept_off = MultiPolygon()
+    if not blocked.is_empty:
+        round_wall = shapely.difference(outset(band.region, settings.cutter_diameter_mm), band.region)
+        kept_off = polygons(shapely.intersection(shapely.buffer(blocked, settings.cutter_radius_mm), round_wall))
+    return MultiPolygon([*missed.closed.geoms, *missed.corners.geoms, *kept_off.geoms])
 
 
 def _within(band: Band, below: Sequence[LayerRegion], depth_mm: float) -> list[LayerRegion]:
@@ -133,14 +173,17 @@ def _within(band: Band, below: Sequence[LayerRegion], depth_mm: float) -> list[L
     return [layer for layer in below if layer.z_top > band.z_bottom - depth_mm]
 
 
-def _under_passes(band: Band, below: Sequence[LayerRegion], depth_mm: float, settings: Settings) -> list[Pass]:
+def _under_passes(
+    band: Band, below: Sequence[LayerRegion], depth_mm: float, settings: Settings, over: Stands | None = None
+) -> list[Pass]:
     """Stretches round a band, under its bottom, on which the cutter's end meets nothing that must stand."""
     near = _within(band, below, depth_mm)
     if depth_mm <= 0.0 or not near or not all(layer.is_upright for layer in near):
         return []
     stands = outset(united([layer.region for layer in near]), settings.cutter_radius_mm - _BESIDE_MM)
+    stands = shapely.union(stands, blocked_near(band.region, band.z_bottom, 0.0, settings, over))
     far = shapely.box(*band.region.bounds).buffer(settings.cutter_diameter_mm)
-    free = MultiPolygon([piece for piece in shapely.get_parts(far - stands) if piece.geom_type == "Polygon"])
+    free = polygons(far - stands)
     return stretch_passes(band.region, free, band.z_bottom - depth_mm, 0.0, settings)
 
 
@@ -196,7 +239,10 @@ def _wall_motions(
 
 @dataclass(frozen=True)
 class Left:
-    """What side milling leaves in one band.  kind : "closed", "corners", "cusps" or "none"   volume_mm3 : of the metal."""
+    """What side milling leaves in one band.
+
+    kind : "closed", "corners", "beside", "cusps" or "none"   volume_mm3 : of the metal; of "beside" the wall's area, mm².
+    """
 
     kind: str
     z_bottom: float
@@ -231,6 +277,7 @@ def left_findings(left: list[Left], settings: Settings) -> list[str]:
         "closed": f"holes or slots are narrower than the cutter (D {diameter:g} mm) and stay unmilled",
         "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
         "cusps": "the flank cannot follow the wall: it is milled upright outside it and keeps its steps",
+        "beside": "what stands beside the wall keeps the cutter away",
         "none": "the cutter reaches no wall: side milling left out",
     }
     return [_left_line(run, words[kind]) for kind, found in runs.items() for run in found]
@@ -239,6 +286,8 @@ def left_findings(left: list[Left], settings: Settings) -> list[str]:
 def _left_line(run: list[Left], words: str) -> str:
     height = f"z {run[0].z_bottom:.2f}-{run[-1].z_top:.2f} mm"
     most = max(item.count for item in run)
+    if run[0].kind == "beside":
+        return f"{height}: {words}: {sum(item.volume_mm3 for item in run):.0f} mm² of it stay as deposited"
     if not most:
         return f"{height}: {words}"
     volume = sum(item.volume_mm3 for item in run)

@@ -11,14 +11,17 @@ from planner.nurbs.offset import inset, outset
 from planner.nurbs.rings import curves_from_region
 from planner.plan import Pass
 from planner.process import Settings
+from planner.toolpath.beside import polygons
 from planner.toolpath.contour import PATH_TOLERANCE_MM
 from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
+from planner.toolpath.side import stretches_within
 
 Floats = NDArray[np.float64]
 
 _FIRST_RINGS = (0.25, 0.125, 0.0)  # of the diameter: how far inside the outline the first ring's centre runs
 _WIDEST_STEP = 0.48  # of the diameter: rings farther apart leave a ridge where the region narrows
 _ENTRY_MM = 1.0  # air between cutter and metal where it comes down beside the part
+_NOWHERE = MultiPolygon()
 _LEFT_MM2 = 1e-3  # metal that may be left uncovered: rounding of the offsets
 
 
@@ -43,9 +46,12 @@ def face_rings(metal: MultiPolygon, settings: Settings) -> list[MultiPolygon]:
     return rings
 
 
-def face_passes(metal: MultiPolygon, z: float, settings: Settings) -> list[Pass]:
+def face_passes(
+    metal: MultiPolygon, z: float, settings: Settings, blocked: MultiPolygon = _NOWHERE
+) -> list[Pass]:
     """One pass per separate piece of metal: down beside it, in from outside, ring by ring at the plane z.
 
+    blocked : where the cutter's centre must not go; beside it, rings are cut to the stretches outside it, one pass each.
     All of it lies in the plane, above which nothing of the finished part stands, so ways between rings are cut too.
     """
     row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
@@ -57,6 +63,12 @@ def face_passes(metal: MultiPolygon, z: float, settings: Settings) -> list[Pass]
             for ring in curves_from_region(region, PATH_TOLERANCE_MM)
         ]
         if not rings:
+            continue
+        near = shapely.buffer(piece.envelope, settings.cutter_diameter_mm + 2.0 * _ENTRY_MM)
+        if not blocked.is_empty and shapely.intersects(blocked, near):
+            loops = [lifted(curve.reversed(), z) for curve in rings]
+            free = polygons(shapely.difference(near, blocked))
+            passes += [process_pass(part, row) for loop in loops for part in stretches_within(loop, free)]
             continue
         at = entry_point(piece, rings[0].evaluate([0.0])[0], settings.cutter_radius_mm + _ENTRY_MM)
         motions: list[Motion] = []

@@ -56,13 +56,15 @@ def end_of(step: Pass) -> Pose:
     return Pose(step.tip.evaluate([high])[0], axis_at(step.axis, high))
 
 
-def linked(operation: Operation, here: Pose | None, metal_top: float, settings: Settings) -> tuple[Operation, Pose]:
+def linked(
+    operation: Operation, here: Pose | None, metal_top: float, settings: Settings, standing_mm: float = 0.0
+) -> tuple[Operation, Pose]:
     """The operation with the ways to, between and from its passes, and the pose in which it leaves the tool.
 
-    here : pose before it (None: the plan begins, clear above the first pass)   metal_top : highest metal, mm.
-    It ends lifted clear, so that the tool may be changed; every pass starts where the one before it ends.
+    here : pose before it (None: a piece begins, clear above the first pass)   metal_top : highest metal of the piece, mm
+    standing_mm : highest of what else stands under the ways. It ends lifted clear, so that the tool may be changed; every pass starts where the one before it ends.
     """
-    clear = metal_top + CLEARANCE_MM
+    clear = max(metal_top, standing_mm) + CLEARANCE_MM
     passes: list[Pass] = []
     for number, step in enumerate(operation.passes):
         goal = start_of(step)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from shapely import MultiPolygon
 
@@ -11,8 +11,9 @@ from planner.errors import PlanningError
 from planner.nurbs.offset import outset
 from planner.plan import Operation
 from planner.process import Bead, Settings
-from planner.slicing.regions import LayerRegion
+from planner.slicing.regions import LayerRegion, is_same
 from planner.toolpath.bands import Band
+from planner.toolpath.beside import Stands
 from planner.toolpath.bore import Boring, bore_operation
 from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operations
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
@@ -32,9 +33,14 @@ class Sequence:
 
     metal_top : highest metal, mm   above_mm : metal over the nominal top since the last facing
     here : where the tool is   deposited_mm3 : nominal
+    standing_mm : how high what else stands reaches under the ways   under : what stands below the base plane, as layers
+    stands : what a cutter must keep clear of
     """
 
     settings: Settings
+    standing_mm: float = 0.0
+    under: list[LayerRegion] = field(default_factory=list)
+    stands: Stands | None = None
     metal_top: float = 0.0
     above_mm: float = 0.0
     unfaced: int = 0
@@ -47,7 +53,7 @@ class Sequence:
 
     def add(self, operation: Operation, layer: int) -> None:
         """Link an operation to what comes before it and take it in."""
-        done, self.here = linked(operation, self.here, self.metal_top, self.settings)
+        done, self.here = linked(operation, self.here, self.metal_top, self.settings, self.standing_mm)
         self.operations.setdefault(layer, []).append(done)
 
     def deposit(self, layer: LayerRegion, bead: Bead, is_top: bool) -> None:
@@ -72,14 +78,18 @@ class Sequence:
 
     def face(self, layer: LayerRegion, metal: MultiPolygon) -> None:
         """The facing of a layer's top."""
-        operation = face_operation(metal, layer, self.above_mm, self.settings)
+        operation = face_operation(metal, layer, self.above_mm, self.settings, stands=self.stands)
         if operation is not None:
             self.add(operation, layer.index)
         self.metal_top, self.above_mm, self.unfaced = layer.z_top, 0.0, 0
 
     def mill(self, band: Band, below: list[LayerRegion], excess_mm: float, run_down_mm: float) -> None:
         """The milling of a band's walls."""
-        operations, left = side_operations(band, below, excess_mm, run_down_mm, self.settings)
+        if self.under and band.first == 0:
+            band = replace(band, continues=is_same(self.under[-1].areas[2], band.region, 0.01))
+        operations, left = side_operations(
+            band, [*self.under, *below], excess_mm, run_down_mm, self.settings, stands=self.stands
+        )
         self.left.extend(left)
         for operation in operations:
             self.add(operation, band.last)
@@ -87,7 +97,7 @@ class Sequence:
     def bore(self, boring: Boring, layer: int) -> None:
         """The boring of a hole from the side."""
         assert self.here is not None  # the metal that it is cut in was deposited
-        done, self.here = bore_operation(boring, layer, self.here, self.metal_top)
+        done, self.here = bore_operation(boring, layer, self.here, max(self.metal_top, self.standing_mm))
         self.operations.setdefault(layer, []).append(done)
 
 
@@ -99,15 +109,17 @@ def build_up(
     settings: Settings,
     finished: Finished,
     borings: Iterable[Boring] = (),
+    *,
+    begun: Sequence | None = None,
 ) -> Sequence:
     """The operations of a part that is deposited (and, where there are bands, milled), from the substrate up.
 
     tops : which layers have a finished face   bands : of all layers from below, taken one by one as the part grows, or
     none for a part that is only deposited   finished : told each layer and its operations when none will be added
-    borings : holes that are cut from the side when all layers stand.
+    borings : holes that are cut from the side when all layers stand   begun : with what stands before; none: the plate.
     Raises PlanningError if no bead fits anywhere.
     """
-    sequence = Sequence(settings)
+    sequence = begun if begun is not None else Sequence(settings)
     following = iter(bands)
     current: Band | None = None
     for layer, bead, is_top in zip(layers, beads, tops, strict=True):
@@ -158,5 +170,3 @@ def _leaning_out(band: Band, layers: list[LayerRegion]) -> float:
         narrow = min((area for area in layer.areas if not area.is_empty), key=lambda area: area.area)
         out = max(out, float(narrow.boundary.hausdorff_distance(layer.region.boundary)))
     return out
-
-

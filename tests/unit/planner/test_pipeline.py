@@ -15,13 +15,14 @@ from planner.files.plan_file import plan_bytes
 from planner.mesh import load_checked
 from planner.mesh.mesh import Mesh
 from planner.nurbs.ruled import RuledSurface
-from planner.pipeline import TOP_RESERVE, plan
+from planner.pipeline import plan
 from planner.plan import Plan, Process
 from planner.recipe import Recipe, load_recipe
+from planner.toolpath.tops import TOP_RESERVE
 from tests.unit.planner.small_parts import box, frustum, tube
 
 PARTS = Path(__file__).resolve().parents[3] / "config" / "parts"
-QUICK = Recipe(layer_height_mm=0.8)
+QUICK = Recipe(layer_height_mm=0.8, build_direction=(0.0, 0.0, 1.0))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,128 @@
+"""What stands when a piece is made, seen from the piece's frame: finished pieces before it and the substrate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import manifold3d  # type: ignore[import-not-found,unused-ignore]
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from planner.decompose.pieces import Piece
+from planner.errors import PlanningError
+from planner.mesh.mesh import Mesh
+from planner.process import Settings
+from planner.slicing.regions import LayerRegion, layer_regions
+from planner.toolpath.roughing import box_mesh
+
+Floats = NDArray[np.float64]
+
+_PLATE_MM = 10.0  # of the substrate's thickness that can stand in a cutter's way
+_TOUCH_MM = 0.02  # metal this little above the cutter's end is touched, not cut
+_GRID_MM = 1e-3  # heights nearer than this are one
+_HOLDER_UP_MM, _HOLDER_RADIUS_MM = 25.0, 16.0
+"""Where an ordinary tool holder begins above the cutter's end, and how wide it is: a small cutter sticks out least."""
+
+
+class Standing:
+    """Everything that is there before a piece, in the frame of that piece (z = 0 its base plane, z up its direction).
+
+    meshes : of the finished pieces, closed, mm, piece frame   plate : of the substrate
+    """
+
+    def __init__(self, meshes: Sequence[Mesh], plate: Mesh) -> None:
+        self.meshes = tuple(meshes)
+        self.plate = plate
+        self._solids = [*(solid_of(mesh) for mesh in meshes), solid_of(plate)]
+        self._shadows: dict[float, MultiPolygon] = {}
+
+    @classmethod
+    def before(cls, pieces: Sequence[Piece], number: int, substrate_mm: tuple[float, float]) -> Standing:
+        """What stands before piece `number` of a division is begun.  substrate_mm : size of the plate, x and y."""
+        piece_from_build = np.linalg.inv(pieces[number].build_from_piece)
+        half = 0.5 * np.array(substrate_mm)
+        plate = box_mesh(np.array([-half[0], -half[1], -_PLATE_MM]), np.array([half[0], half[1], 0.0]))
+        return cls(
+            [piece.mesh.transformed(piece_from_build) for piece in pieces[:number]], plate.transformed(piece_from_build)
+        )
+
+    @property
+    def top_mm(self) -> float:
+        """Highest point of what stands above the base plane, mm; 0 where nothing does."""
+        return max(0.0, *(float(mesh.bounds[1, 2]) for mesh in (*self.meshes, self.plate)))
+
+    def shadow(self, z: float) -> MultiPolygon:
+        """What stands above a height, projected along z, mm."""
+        level = round(z / _GRID_MM) * _GRID_MM
+        if level not in self._shadows:
+            found: list[Polygon] = []
+            for solid in self._solids:
+                if solid.bounding_box()[5] > level + _TOUCH_MM:
+                    found += _outlines(solid.trim_by_plane((0.0, 0.0, 1.0), level + _TOUCH_MM))
+            self._shadows[level] = _polygons(shapely.union_all(found)) if found else MultiPolygon()
+        return self._shadows[level]
+
+    def keep_out(self, z: float, settings: Settings) -> MultiPolygon:
+        """Where the centre of an upright cutter must not go with its end at a height, mm: flutes, and the holder above."""
+        near = shapely.buffer(self.shadow(z), settings.cutter_radius_mm - _TOUCH_MM, quad_segs=32)
+        high = shapely.buffer(self.shadow(z + _HOLDER_UP_MM), _HOLDER_RADIUS_MM, quad_segs=32)
+        return _polygons(shapely.union(near, high))
+
+    def height_over(self, region: MultiPolygon, beside_mm: float) -> float:
+        """How high what stands reaches over the hull of a region and a distance beside it, mm; 0 where nothing does."""
+        reach = shapely.buffer(region.convex_hull, beside_mm)
+        low, high = 0.0, self.top_mm
+        if high <= 0.0 or not shapely.intersects(self.shadow(0.0), reach):
+            return 0.0
+        while high - low > 0.5:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if shapely.intersects(self.shadow(middle), reach) else (low, middle)
+        return high
+
+    def layers_under(self, depth_mm: float, height_mm: float) -> list[LayerRegion]:
+        """What stands under the base plane as layers of a height down to a depth, from the lowest; none on the plate alone."""
+        if not self.meshes:
+            return []
+        count = max(1, int(np.ceil(depth_mm / height_mm - 1e-9)))
+        return layer_regions(merged(self.meshes), np.linspace(-count * height_mm, 0.0, count + 1))
+
+
+def merged(meshes: Sequence[Mesh]) -> Mesh:
+    """Several closed meshes as one, body by body."""
+    at = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return Mesh(
+        np.vstack([mesh.vertices for mesh in meshes]),
+        np.vstack([mesh.facets + start for mesh, start in zip(meshes, at, strict=False)]),
+    )
+
+
+def solid_of(mesh: Mesh) -> manifold3d.Manifold:
+    """A closed mesh for booleans in space.  Raises PlanningError if it is none."""
+    solid = manifold3d.Manifold(manifold3d.Mesh64(mesh.vertices.copy(), mesh.facets.astype(np.uint64)))
+    if solid.status() != manifold3d.Error.NoError:
+        raise PlanningError(
+            f"a piece of the part encloses no volume that can be reckoned with ({solid.status().name})",
+            "check the mesh, or set decompose = never",
+        )
+    return solid
+
+
+def _outlines(solid: manifold3d.Manifold) -> list[Polygon]:
+    """What a solid covers, seen along z."""
+    seen = manifold3d.CrossSection(solid.project().to_polygons(), manifold3d.FillRule.Positive)
+    found: list[Polygon] = []
+    for piece in seen.decompose():
+        rings = sorted((np.asarray(ring) for ring in piece.to_polygons()), key=lambda ring: -abs(_signed_mm2(ring)))
+        found += _polygons(shapely.make_valid(Polygon(rings[0], rings[1:]))).geoms
+    return found
+
+
+def _signed_mm2(ring: Floats) -> float:
+    following = np.roll(ring, -1, axis=0)
+    return float(0.5 * (ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]).sum())
+
+
+def _polygons(shape: shapely.Geometry) -> MultiPolygon:
+    return MultiPolygon([piece for piece in shapely.get_parts(shape) if piece.geom_type == "Polygon"])

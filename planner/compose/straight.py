@@ -1,0 +1,168 @@
+"""A piece that grows along one direction: sliced, deposited, faced, milled and bored in its own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.compose.made import Made, in_place
+from planner.compose.standing import Standing, merged
+from planner.decompose.bores import filled, hanging_bores
+from planner.decompose.pieces import Piece
+from planner.errors import PlanningError
+from planner.handout import Handout
+from planner.mesh.mesh import Mesh
+from planner.plan import Layer
+from planner.process import Settings
+from planner.slicing.contours import ContourStyle, doubted
+from planner.slicing.fitted import fitted_shapes
+from planner.slicing.layers import layer_levels
+from planner.slicing.regions import LayerRegion, layer_regions
+from planner.toolpath.bands import make_bands
+from planner.toolpath.bore import Boring, borings
+from planner.toolpath.order import RUNS_DOWN, Sequence, build_up
+from planner.toolpath.roughing import carve, stock_of
+from planner.toolpath.tops import finished_tops, layer_beads
+
+Floats = NDArray[np.float64]
+
+_OVERHANG_WORTH_MM2 = 0.5  # smaller unsupported areas are the rounding of sections
+_WAY_MM = 1.0  # beside a piece, for what ways between its passes go over
+
+
+@dataclass(frozen=True)
+class Work:
+    """A piece to be made.
+
+    number : of the piece   first_layer : layers before it   standing : what stands, piece frame; None: the plate alone
+    build_from_part : (4, 4) float, of the part   on_layer : handed each layer   say : told stage and share of this piece
+    """
+
+    piece: Piece
+    number: int
+    first_layer: int
+    standing: Standing | None
+    settings: Settings
+    build_from_part: Floats
+    on_layer: Callable[[Layer], None] | None
+    say: Callable[[str, float], None]
+
+
+def straight_piece(work: Work) -> Made:
+    """The layers of a piece with all that is done to it.  Raises PlanningError or RecipeError."""
+    settings, say = work.settings, work.say
+    build_from_piece = work.piece.build_from_piece
+    mesh = work.piece.mesh.transformed(np.linalg.inv(build_from_piece)) if work.number else work.piece.mesh
+    solid, holes, findings = _bored(mesh, settings, work.standing)
+    say("layers", 0.0)
+    regions, notes = _regions(solid, settings, lambda: say("sections", 0.03))
+    say("contours", 0.08)
+    handout = Handout(
+        solid,
+        settings.recipe,
+        len(regions),
+        work.on_layer,
+        lambda share: say("toolpaths", 0.08 + 0.92 * share),
+        lambda layer: in_place(layer, build_from_piece, work.first_layer, work.number),
+    )
+    sequence = _sequence(solid, work, regions, handout, holes)
+    layers = handout.finish()
+    if settings.recipe.process != "mill":
+        notes += _overhang_findings(regions)
+    notes += _doubt_findings(regions, ContourStyle.from_recipe(settings.recipe))
+    return Made(
+        layers,
+        work.piece.direction,
+        sequence.deposited_mm3,
+        max((region.unsupported_mm for region in regions), default=0.0),
+        findings=[*findings, *notes, *sequence.findings],
+    )
+
+
+def _bored(part: Mesh, settings: Settings, standing: Standing | None) -> tuple[Mesh, list[Boring], list[str]]:
+    """What is built: the part with those hanging bores full that are cut from the side afterwards; these, and findings."""
+    if settings.recipe.process != "hybrid":
+        return part, [], []
+    bores = hanging_bores(part, settings.material.deposition.max_overhang_deg, settings.recipe.crease_deg)
+    if not bores:
+        return part, [], []
+    solid = filled(part, bores)
+    around = solid if standing is None else merged([solid, *standing.meshes, standing.plate])
+    holes, notes = borings(around, bores, settings)
+    return filled(part, [hole.bore for hole in holes]), holes, notes
+
+
+def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tuple[list[LayerRegion], list[str]]:
+    """The layers of a part in its build frame, and what was found.  levelled : told when their heights are known.
+
+    The recipe's tolerance_side counts for the thickness of layers always, for their outlines where nothing is milled
+    afterwards; cutters need metal wherever the part is, so hybrid and milled layers are the union of their sections.
+    """
+    recipe = settings.recipe
+    levels, notes = layer_levels(
+        part,
+        recipe.cusp_mm,
+        settings.layer_min_mm,
+        settings.layer_max_mm,
+        rule=recipe.layer_rule,
+        side=recipe.tolerance_side,
+        crease_deg=recipe.crease_deg,
+        style=ContourStyle.from_recipe(recipe),
+    )
+    levelled()
+    side = recipe.tolerance_side if recipe.process == "deposit" else "outside"
+    regions = layer_regions(part, levels, fitted_shapes(part, ContourStyle.from_recipe(recipe)), side)
+    _refuse_empty(regions)
+    return regions, notes
+
+
+def _sequence(
+    part: Mesh, work: Work, regions: list[LayerRegion], handout: Handout, holes: list[Boring]
+) -> Sequence:
+    """All operations in order; the handout is told each layer that is done."""
+    settings = work.settings
+    if settings.recipe.process == "mill":
+        return carve(stock_of(part, settings.recipe, work.build_from_part), regions, settings, handout.take)
+    tops = finished_tops(regions, settings)
+    beads = layer_beads(regions, tops, settings)
+    bands = make_bands(regions, part, settings) if settings.is_milled else iter(())
+    begun = Sequence(settings)
+    if work.standing is not None:
+        begun.standing_mm = work.standing.height_over(regions[0].region, _WAY_MM)
+        if settings.is_milled:
+            begun.stands = work.standing.keep_out
+            begun.under = work.standing.layers_under(RUNS_DOWN * beads[0].crest_mm, regions[0].height_mm)
+    return build_up(regions, beads, tops, bands, settings, handout.take, holes, begun=begun)
+
+
+def _refuse_empty(regions: list[LayerRegion]) -> None:
+    """Raise PlanningError where a layer holds nothing: what is above it would float."""
+    for region in regions:
+        if region.region.is_empty and not all(area.is_empty for area in region.areas):
+            raise PlanningError(
+                f"no outline lies on the side that the recipe asks for ({region.side}) all the way from z "
+                f"{region.z_bottom:.3f} to {region.z_top:.3f} mm",
+                "choose thinner layers or tolerance_side = outside",
+            )
+        if region.region.is_empty:
+            raise PlanningError(
+                f"nothing of the part lies between z {region.z_bottom:.3f} and {region.z_top:.3f} mm, but something above",
+                "plan the bodies one by one",
+            )
+
+
+def _doubt_findings(regions: list[LayerRegion], style: ContourStyle) -> list[str]:
+    """One line if contours are the facets' although the smooth surface was asked for."""
+    count = doubted([section for region in regions for section in (region.bottom, region.middle, region.top)], style)
+    return [f"{count} contours follow the facets where the smooth surface was in doubt"] if count else []
+
+
+def _overhang_findings(regions: list[LayerRegion]) -> list[str]:
+    return [
+        f"layer {region.index}: {region.overhang_mm2:.1f} mm² at z {region.z_bottom:.2f} mm rest on nothing"
+        for region in regions
+        if region.overhang_mm2 > max(_OVERHANG_WORTH_MM2, 0.02 * region.areas[0].area)
+    ]
