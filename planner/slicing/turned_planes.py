@@ -185,9 +185,7 @@ def _even(mesh: Mesh, way: Way, along: Stations, rate: Floats) -> tuple[Floats, 
     return np.concatenate(stations), findings
 
 
-def _by_cusp(
-    mesh: Mesh, way: Way, along: Stations, settings: Settings, greatest: float
-) -> tuple[Floats, list[str]]:
+def _by_cusp(mesh: Mesh, way: Way, along: Stations, settings: Settings, greatest: float) -> tuple[Floats, list[str]]:
     """Stations of layers as thick as the recipe's rule allows; thickness counts where the planes lie farthest apart."""
     recipe = settings.recipe
     reached = way.reached(way.most)

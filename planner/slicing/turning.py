@@ -76,9 +76,7 @@ def height_of_plane(plane: Floats, xy: Floats) -> Floats:
     return np.asarray(point[2] - (xy - point[:2]) @ normal[:2] / normal[2])
 
 
-def turned_layers(
-    mesh: Mesh, path: Floats, settings: Settings, recipe: Recipe
-) -> tuple[list[TurnedLayer], list[str]]:
+def turned_layers(mesh: Mesh, path: Floats, settings: Settings, recipe: Recipe) -> tuple[list[TurnedLayer], list[str]]:
     """The layers of a piece along a way of planes, from its base, and what was found.
 
     mesh : closed, build frame, mm   path : (p, 6) float, planes from the base to the piece's end or past it; the rows
