@@ -28,7 +28,7 @@ class FacetTree:
     def __init__(self, mesh: Mesh) -> None:
         if not len(mesh.facets):
             raise MeshError("the mesh holds no facets", "export the model again")
-        self.order = np.argsort(_z_codes(mesh.centroids), kind="stable")
+        self.order = np.argsort(z_codes(mesh.centroids), kind="stable")
         self.corners = np.ascontiguousarray(mesh.corners[self.order])
         self.boxes = _boxes(self.corners)
 
@@ -42,7 +42,7 @@ class FacetTree:
         return np.sqrt(square), np.asarray(self.order[place]), foot
 
 
-def _z_codes(points: Floats) -> NDArray[np.uint64]:
+def z_codes(points: Floats) -> NDArray[np.uint64]:
     """Place of each point on a Z-curve through the box around all of them."""
     low = points.min(axis=0)
     cell = max(float((points.max(axis=0) - low).max()) / (_CELLS - 1), np.finfo(float).tiny)
