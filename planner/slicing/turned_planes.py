@@ -107,7 +107,7 @@ def _way_through(mesh: Mesh, rows: Floats) -> tuple[Way, Stations]:
     reached = np.concatenate([[0.0], np.cumsum(steps)])
     ends = np.interp([along.low.min(), along.high.max()], np.arange(len(path)), reached)
     count = max(4, int(np.ceil((ends[1] - ends[0]) / _PROBE_MM)))
-    at = np.interp(np.linspace(*ends, count + 1), reached, np.arange(len(path)))
+    at = np.asarray(np.interp(np.linspace(ends[0], ends[1], count + 1), reached, np.arange(len(path))))
     at[0], at[-1] = along.low.min(), along.high.max()
     return _measured(mesh, path, rows, at), along
 

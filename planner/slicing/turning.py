@@ -25,7 +25,9 @@ from planner.slicing.turned_planes import TurnedPlanes, turned_planes
 
 Floats = NDArray[np.float64]
 
-_INSIDE = 2e-6  # of the piece's size: how far inside a layer its bottom and top sections are taken
+_INSIDE = 2e-5
+"""Of the piece's size: how far inside a layer its bottom and top sections are taken, so that vertices in the planes (rings
+of a swept mesh, rims of a cut) lie clearly beside them."""
 _TRIES = (0.995, 0.97, 0.94)
 """Shares of the greatest thickness that are planned with, one after the other, until every layer keeps the bounds where
 it is measured: planes are laid out by their distances at sections half a millimetre apart."""
