@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 import tomli_w
 
 from planner.compose.assembly import assemble
+from planner.compose.plate import on_plate
 from planner.decompose.direction import build_direction, build_frame
 from planner.decompose.division import divide
 from planner.mesh.mesh import Mesh, mesh_of
@@ -43,7 +44,7 @@ def plan(
     body, found = _body_and_findings(mesh)
     say("orient", 0.0)
     settings = Settings.from_recipe(recipe)
-    division = divide(body, recipe, settings)
+    division, placed = on_plate(divide(body, recipe, settings), recipe)
     made = assemble(division, settings, on_layer, lambda stage, share: say(stage, _DIVIDED + (1.0 - _DIVIDED) * share))
     say("done", 1.0)
     return Plan(
@@ -56,7 +57,7 @@ def plan(
         build_from_part=division.build_from_part,
         bounds=body.transformed(division.build_from_part).bounds,
         layers=made.layers,
-        findings=(*findings, *found, *division.findings, *made.findings),
+        findings=(*findings, *found, *division.findings, *placed, *made.findings),
         volumes_mm3=made.volumes_mm3,
         subcomponents=made.subcomponents,
         setups=made.setups,

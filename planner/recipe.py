@@ -42,6 +42,9 @@ class Recipe(Facts):
     overhang: Literal["tilt", "upright"] = Field("tilt", description="head along the side surface over overhangs, or always along the layer's direction")
     support: Literal["auto", "never"] = Field("auto", description="sacrificial metal under what no direction can make")
     substrate_mm: tuple[Positive, Positive] = Field((120.0, 120.0), description="of the plate, for what head and cutter can reach beside it")
+    shift_mm: tuple[Finite, Finite] | Literal["auto"] = Field(
+        "auto", description="of the part off the plate's middle; auto: 0, or to the edge over which pieces grow sideways"
+    )
     turn_deg: Finite = Field(0.0, ge=-360.0, le=360.0, description="of the part on its plate, about the build direction: past clamps")
     stock: str | None = Field(None, description="process = mill: STL of the stock, in the part frame; none: the bounding box plus allowance")
     layer_height_mm: Positive | None = None

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from planner.compose.made import Made
 from planner.compose.setups import setups_of
 from planner.compose.standing import Standing
-from planner.compose.straight import Work, straight_piece
+from planner.compose.straight import straight_piece
+from planner.compose.turning import turning_piece
+from planner.compose.work import Work
 from planner.decompose.pieces import Division, Piece
 from planner.plan import Layer, Setup, Subcomponent
 from planner.process import Settings
@@ -66,7 +68,8 @@ def assemble(
 
 def make_piece(work: Work) -> Made:
     """One piece, by what it needs."""
-    return straight_piece(work)
+    turns = work.piece.path is not None and work.settings.recipe.process != "mill"
+    return turning_piece(work) if turns else straight_piece(work)
 
 
 def _subcomponent(piece: Piece, setup: int, first: int, made: Made) -> Subcomponent:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import manifold3d  # type: ignore[import-not-found,unused-ignore]
 import numpy as np
@@ -10,20 +11,21 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from planner.collide.points import surface_points
 from planner.decompose.pieces import Piece
 from planner.errors import PlanningError
 from planner.mesh.mesh import Mesh
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion, layer_regions
+from planner.toolpath.holder import holder_radius_mm, stickout_mm
 from planner.toolpath.roughing import box_mesh
 
 Floats = NDArray[np.float64]
 
 _PLATE_MM = 10.0  # of the substrate's thickness that can stand in a cutter's way
+_PITCH_MM = 1.5  # of points all over what stands
 _TOUCH_MM = 0.02  # metal this little above the cutter's end is touched, not cut
 _GRID_MM = 1e-3  # heights nearer than this are one
-_HOLDER_UP_MM, _HOLDER_RADIUS_MM = 25.0, 16.0
-"""Where an ordinary tool holder begins above the cutter's end, and how wide it is: a small cutter sticks out least."""
 
 
 class Standing:
@@ -67,7 +69,7 @@ class Standing:
     def keep_out(self, z: float, settings: Settings) -> MultiPolygon:
         """Where the centre of an upright cutter must not go with its end at a height, mm: flutes, and the holder above."""
         near = shapely.buffer(self.shadow(z), settings.cutter_radius_mm - _TOUCH_MM, quad_segs=32)
-        high = shapely.buffer(self.shadow(z + _HOLDER_UP_MM), _HOLDER_RADIUS_MM, quad_segs=32)
+        high = shapely.buffer(self.shadow(z + stickout_mm(settings)), holder_radius_mm(settings), quad_segs=32)
         return _polygons(shapely.union(near, high))
 
     def height_over(self, region: MultiPolygon, beside_mm: float) -> float:
@@ -80,6 +82,22 @@ class Standing:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if shapely.intersects(self.shadow(middle), reach) else (low, middle)
         return high
+
+    @cached_property
+    def points(self) -> Floats:
+        """(n, 3) float, mm   Points all over what stands, closer than any tool is wide, piece frame."""
+        return np.vstack([surface_points(mesh, _PITCH_MM) for mesh in (*self.meshes, self.plate)])
+
+    def height_of_points(self, layer_from_piece: Floats, region: MultiPolygon, beside_mm: float) -> float:
+        """As `height_over`, in the frame of a layer that turns, to the pitch of points."""
+        points = self.points @ layer_from_piece[:3, :3].T + layer_from_piece[:3, 3]
+        points = points[points[:, 2] > _PITCH_MM]
+        reach = shapely.buffer(region.convex_hull, beside_mm + _PITCH_MM)
+        low_x, low_y, high_x, high_y = reach.bounds
+        near = (points[:, 0] > low_x) & (points[:, 0] < high_x) & (points[:, 1] > low_y) & (points[:, 1] < high_y)
+        points = points[near]
+        over = shapely.contains_xy(reach, points[:, 0], points[:, 1])
+        return float(points[over, 2].max()) + _PITCH_MM if over.any() else 0.0
 
     def layers_under(self, depth_mm: float, height_mm: float) -> list[LayerRegion]:
         """What stands under the base plane as layers of a height down to a depth, from the lowest; none on the plate alone."""

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.compose.made import Made, in_place
 from planner.compose.standing import Standing, merged
+from planner.compose.work import Work
 from planner.decompose.bores import filled, hanging_bores
-from planner.decompose.pieces import Piece
 from planner.errors import PlanningError
 from planner.handout import Handout
 from planner.mesh.mesh import Mesh
-from planner.plan import Layer
 from planner.process import Settings
 from planner.slicing.contours import ContourStyle, doubted
 from planner.slicing.fitted import fitted_shapes
@@ -33,29 +31,12 @@ _OVERHANG_WORTH_MM2 = 0.5  # smaller unsupported areas are the rounding of secti
 _WAY_MM = 1.0  # beside a piece, for what ways between its passes go over
 
 
-@dataclass(frozen=True)
-class Work:
-    """A piece to be made.
-
-    number : of the piece   first_layer : layers before it   standing : what stands, piece frame; None: the plate alone
-    build_from_part : (4, 4) float, of the part   on_layer : handed each layer   say : told stage and share of this piece
-    """
-
-    piece: Piece
-    number: int
-    first_layer: int
-    standing: Standing | None
-    settings: Settings
-    build_from_part: Floats
-    on_layer: Callable[[Layer], None] | None
-    say: Callable[[str, float], None]
-
-
 def straight_piece(work: Work) -> Made:
     """The layers of a piece with all that is done to it.  Raises PlanningError or RecipeError."""
     settings, say = work.settings, work.say
     build_from_piece = work.piece.build_from_piece
-    mesh = work.piece.mesh.transformed(np.linalg.inv(build_from_piece)) if work.number else work.piece.mesh
+    is_there = np.array_equal(build_from_piece, np.eye(4))
+    mesh = work.piece.mesh if is_there else work.piece.mesh.transformed(np.linalg.inv(build_from_piece))
     solid, holes, findings = _bored(mesh, settings, work.standing)
     say("layers", 0.0)
     regions, notes = _regions(solid, settings, lambda: say("sections", 0.03))

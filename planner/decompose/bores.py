@@ -88,22 +88,31 @@ def filled(part: Mesh, bores: Sequence[Bore]) -> Mesh:
     return Mesh(np.concatenate(vertices)[used], renumbered.reshape(-1, 3))
 
 
-def has_way_in(solid: Mesh, bore: Bore) -> bool:
-    """Whether nothing of the filled part stands before the bore's mouth, as far as the bore is wide."""
+def has_way_in(solid: Mesh, bore: Bore, room_mm: float = np.inf, holder_radius_mm: float = 0.0) -> bool:
+    """Whether nothing of the filled part stands before the bore's mouth, as far as the bore is wide.
+
+    room_mm : from this far before the mouth on, as far as the tool's holder is wide.
+    """
     if bore.axis[2] < _LEVEL:
         return False
-    height = (solid.vertices - bore.mouth) @ bore.axis
-    stands = (height[solid.facets] > _FLAT_MM).any(axis=1)
-    if not stands.any():
-        return True
+    height = ((solid.vertices - bore.mouth) @ bore.axis)[solid.facets]
     flat = (solid.vertices - bore.mouth) @ across_axes(bore.axis).T
-    corners = flat[solid.facets[stands]]
+    return all(
+        _keeps_off(flat[solid.facets[(height > above).any(axis=1)]], radius - _ROUND_MM)
+        for above, radius in ((_FLAT_MM, bore.radius_mm), (room_mm, holder_radius_mm))
+    )
+
+
+def _keeps_off(corners: Floats, radius_mm: float) -> bool:
+    """Whether triangles in a plane, (n, 3, 2) float, mm, keep a distance from the origin."""
+    if not len(corners) or radius_mm <= 0.0:
+        return True
     double_area = np.abs(
         (corners[:, 1, 0] - corners[:, 0, 0]) * (corners[:, 2, 1] - corners[:, 0, 1])
         - (corners[:, 1, 1] - corners[:, 0, 1]) * (corners[:, 2, 0] - corners[:, 0, 0])
     )
     shadows = [*shapely.polygons(corners[double_area > 1e-12]), *shapely.linestrings(corners[double_area <= 1e-12])]
-    return bool((shapely.distance(np.array(shadows), shapely.Point(0.0, 0.0)) >= bore.radius_mm - _ROUND_MM).all())
+    return bool((shapely.distance(np.array(shadows), shapely.Point(0.0, 0.0)) >= radius_mm).all())
 
 
 def across_axes(axis: Floats) -> Floats:

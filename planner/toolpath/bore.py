@@ -15,6 +15,7 @@ from planner.nurbs import construct
 from planner.nurbs.fit import interpolate
 from planner.plan import Operation, Pass, Process
 from planner.process import Settings
+from planner.toolpath.holder import holder_radius_mm, stickout_mm
 from planner.toolpath.links import CLEARANCE_MM, Pose, linked_from_beside
 from planner.toolpath.motion import Motion, joined, process_pass, quarter_arc, straight
 
@@ -48,14 +49,24 @@ def borings(solid: Mesh, bores: Sequence[Bore], settings: Settings) -> tuple[lis
     cutters = [cutter for cutter in (settings, settings.with_small_cutter()) if cutter is not None]
     found, notes = [], []
     for bore in bores:
-        ways = [way for way in ([bore, bore.turned()] if bore.is_through else [bore]) if has_way_in(solid, way)]
+        sides = [bore, bore.turned()] if bore.is_through else [bore]
+        open_ways = [way for way in sides if has_way_in(solid, way)]
         fitting = [cutter for cutter in cutters if fits(bore, cutter)]
-        if ways and fitting:
-            farthest = float(((solid.vertices - ways[0].mouth) @ ways[0].axis).max())
-            found.append(Boring(ways[0], fitting[0], farthest + CLEARANCE_MM))
-            notes.append(f"{ways[0]}: its roof would hang, it is built full and bored from the side")
+        ways = [
+            (way, cutter)
+            for cutter in fitting
+            for way in open_ways
+            if has_way_in(solid, way, stickout_mm(cutter) - bore.depth_mm - _BEYOND_MM, holder_radius_mm(cutter))
+        ]
+        if ways:
+            way, cutter = ways[0]
+            farthest = float(((solid.vertices - way.mouth) @ way.axis).max())
+            found.append(Boring(way, cutter, farthest + CLEARANCE_MM))
+            notes.append(f"{way}: its roof would hang, it is built full and bored from the side")
         else:
-            why = "narrower than the cutter needs" if ways else "no cutter comes in straight from outside"
+            why = "narrower than the cutter needs" if open_ways else "no cutter comes in straight from outside"
+            if open_ways and fitting:
+                why = "the tool's holder has no room before it"
             notes.append(f"{bore}: its roof hangs and {why}: it is built open")
     return found, notes
 

@@ -62,7 +62,8 @@ def linked(
     """The operation with the ways to, between and from its passes, and the pose in which it leaves the tool.
 
     here : pose before it (None: a piece begins, clear above the first pass)   metal_top : highest metal of the piece, mm
-    standing_mm : highest of what else stands under the ways. It ends lifted clear, so that the tool may be changed; every pass starts where the one before it ends.
+    standing_mm : highest of what else stands under the ways.
+    It ends lifted clear, so that the tool may be changed; every pass starts where the one before it ends.
     """
     clear = max(metal_top, standing_mm) + CLEARANCE_MM
     passes: list[Pass] = []

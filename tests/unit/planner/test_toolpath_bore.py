@@ -85,7 +85,7 @@ def test_a_wall_before_the_mouth_leaves_no_way_in(bearing: Mesh, bore: Bore) -> 
 
 
 def test_the_tool_turns_beside_the_part_and_goes_straight_in(bearing: Mesh) -> None:
-    made = plan(bearing, Recipe(layer_height_mm=0.8), part_name="bearing")
+    made = plan(bearing, Recipe(layer_height_mm=0.8, build_direction=(0.0, 0.0, 1.0)), part_name="bearing")
     (bored,) = (found for found in made.operations if found.note == "bore")
     assert bored.process is Process.MILL_SIDE
     assert bored is made.operations[-1]
