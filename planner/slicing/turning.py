@@ -61,6 +61,14 @@ class TurnedLayer:
         turn, shift = self.layer_from_build[:3, :3], self.layer_from_build[:3, 3]
         return np.concatenate([turn @ self.top[:3] + shift, turn @ self.top[3:]])
 
+    @cached_property
+    def build_from_top(self) -> Floats:
+        """(4, 4) float   Frame of the top plane: z is its normal, z = 0 in it; turned the shortest way from the layer's."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = _turned_to(self.build_from_layer[:3, :3].T, self.top[3:]).T
+        matrix[:3, 3] = self.top[:3]
+        return matrix
+
     @property
     def ratio(self) -> float:
         """Greatest over least thickness; infinite where both planes meet at the region's edge."""

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import MultiPolygon
 
-from planner.errors import PlanningError, RecipeError
+from planner.errors import PlanningError
 from planner.mesh.mesh import Mesh
 from planner.nurbs.offset import outset
 from planner.plan import Operation
 from planner.process import Bead, Settings
 from planner.slicing.turning import TurnedLayer
-from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings
+from planner.toolpath.beside import Stands
+from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operations
+from planner.toolpath.deposit import THINNEST, Dropped, dropped_findings, grown_region, outside_mm
+from planner.toolpath.order import RUNS_DOWN
 from planner.toolpath.placed import in_build
-from planner.toolpath.relief import Relief
-from planner.toolpath.tops import TOP_RESERVE
+from planner.toolpath.side import places
+from planner.toolpath.turned_bands import TurnedBand, layers_under, make_turned_bands
+from planner.toolpath.turned_deposit import Laid, laid
 
-__all__ = ["TurnedWork", "in_build", "turned_operations"]
+__all__ = ["StandsIn", "TurnedWork", "in_build", "turned_operations"]
 
 Floats = NDArray[np.float64]
+StandsIn = Callable[[Floats], Stands]
+"""What a cutter must keep clear of in a frame, given build_from_frame, (4, 4) float."""
 
 _TOP_SHARE = 0.02  # of a layer's top; smaller free rims belong to leaning walls
-_TOO_HIGH = 1.05  # of the bead that is wanted: a higher one brings metal that deposition alone does not take off
+_PILED = 0.5
+"""Of the next layer's least height: metal standing higher than this over the plane is faced before the next layer, so that
+the head's stand-off stays right."""
+_WEDGE_MM = 1.0  # how far under a band, beyond what ran down, its cutter's end is let down at most
 
 
 @dataclass(frozen=True)
@@ -47,92 +55,142 @@ class TurnedWork:
 
 @dataclass
 class _State:
-    """The piece while it grows.  above_mm : metal over the nominal top since the last facing."""
+    """The piece while it grows.
 
+    above_mm : metal over the nominal top since the last facing   unfaced : layers since then   laid : how layers were made
+    """
+
+    layers: Sequence[TurnedLayer]
+    mesh: Mesh
     settings: Settings
+    stands_in: StandsIn | None
     above_mm: float = 0.0
-    deposited_mm3: float = 0.0
+    most_above_mm: float = 0.0
+    unfaced: int = 0
+    laid: list[Laid] = field(default_factory=list)
     dropped: list[Dropped] = field(default_factory=list)
-    findings: list[str] = field(default_factory=list)
+    left: list[Left] = field(default_factory=list)
 
 
-def turned_operations(mesh: Mesh, layers: Sequence[TurnedLayer], settings: Settings) -> Iterator[TurnedWork]:
+def turned_operations(
+    mesh: Mesh, layers: Sequence[TurnedLayer], settings: Settings, *, stands_in: StandsIn | None = None
+) -> Iterator[TurnedWork]:
     """The work on each layer of a piece that turns, in order, each when it is asked for.
 
-    mesh : the piece that the layers were cut from   layers : all of them, from `turned_layers`.
+    mesh : the piece that the layers were cut from   layers : all of them, from `turned_layers`
+    stands_in : what else stands, for cutters.
     Raises RecipeError where no bead fills a layer, PlanningError if none fits anywhere.
     """
-    state = _State(settings)
+    state = _State(layers, mesh, settings, stands_in)
     tops = _finished_tops(layers, settings)
-    is_made = False
-    for number, (layer, is_top) in enumerate(zip(layers, tops, strict=True)):
-        bead = _bead(layer, is_top, settings)
-        before = state.deposited_mm3
-        operations = _deposited(layer, bead, is_top, state)
-        is_made = is_made or bool(operations)
-        top = layer.region.z_top + state.above_mm + max(bead.crest_mm - bead.height_mm, 0.0)
-        findings: tuple[str, ...] = ()
-        if number == len(layers) - 1:
-            if not is_made:
-                _refuse_thin(bead)
-            findings = (*state.findings, *dropped_findings(state.dropped))
-        yield TurnedWork(layer, tuple(operations), top, state.deposited_mm3 - before, findings)
+    bands = make_turned_bands(layers, mesh, settings) if settings.is_milled else iter(())
+    band: TurnedBand | None = None
+    for number, layer in enumerate(layers):
+        if band is None or band.band.last < number:
+            band = next(bands, None)
+        made = laid(layer, tops[number], settings)
+        state.laid.append(made)
+        state.dropped.extend(made.dropped)
+        state.above_mm = made.excess_mm + (0.0 if made.is_uniform and not state.unfaced else state.above_mm)
+        state.unfaced += 1
+        state.most_above_mm = max(state.most_above_mm, state.above_mm)
+        top = layer.region.z_top + state.above_mm + made.crest_mm
+        operations = list(made.operations)
+        is_end = band is not None and band.band.last == number
+        if settings.is_milled and _is_face_due(state, number, tops[number]):
+            operations += _faced(layer, made.bead, state)
+        if band is not None and is_end:
+            operations += _milled(band, state)
+        findings = _findings(state) if number == len(layers) - 1 else ()
+        yield TurnedWork(layer, tuple(operations), top, made.volume_mm3, findings)
 
 
 def _finished_tops(layers: Sequence[TurnedLayer], settings: Settings) -> list[bool]:
     """Which layers have a top that is faced and stays: part of it carries nothing of the next layer."""
-    found = []
-    for number, layer in enumerate(layers):
-        if not settings.is_milled:
-            found.append(False)
-        elif number == len(layers) - 1:
-            found.append(not layer.region.areas[2].is_empty)
-        else:
-            section, above = layer.region.top, layers[number + 1].region.bottom
-            top, lower = section.area_mm2, above.area_mm2
-            found.append(top > 0.0 and top - lower > _TOP_SHARE * top)
-    return found
+    if not settings.is_milled:
+        return [False] * len(layers)
+    tops = [layer.region.top.area_mm2 for layer in layers]
+    above = [*(layer.region.bottom.area_mm2 for layer in layers[1:]), 0.0]
+    return [top > 0.0 and top - carries > _TOP_SHARE * top for top, carries in zip(tops, above, strict=True)]
 
 
-def _bead(layer: TurnedLayer, is_top: bool, settings: Settings) -> Bead:
-    """The bead for a layer's greatest height.
-
-    Raises RecipeError if no bead fills it, or if only milling could bring one down.
-    """
-    height = layer.region.height_mm
-    bead = settings.bead_for(height, TOP_RESERVE if is_top else 0.0)
-    if not settings.is_milled and bead.height_mm > height * (1.0 + settings.overbuild) * _TOO_HIGH:
-        raise RecipeError(
-            f"layer {layer.region.index}: {height:.3g} mm high at most, but the lowest bead of {settings.material.name} makes "
-            f"{bead.height_mm:.3g} mm and process = deposit mills nothing down",
-            "choose higher layers, less powder or process = hybrid",
-        )
-    return bead
-
-
-def _deposited(layer: TurnedLayer, bead: Bead, is_top: bool, state: _State) -> list[Operation]:
-    """A layer's deposition, its beads as high as the layer is where they lie."""
-    region, settings = layer.region, state.settings
-    operations, dropped = deposit_operations(region, bead, settings, is_top, height_at=layer.height_at)
-    state.dropped.extend(dropped)
-    relief = Relief.of(region, bead, settings, layer.height_at)
-    state.above_mm += max(bead.height_mm - region.height_mm, 0.0)
-    filled = outset(region.region, settings.allowance_mm) if settings.allowance_mm > 0.0 else region.region
-    state.deposited_mm3 += volume_under(filled, relief, bead)
-    return operations
-
-
-def volume_under(region: MultiPolygon, relief: Relief, bead: Bead) -> float:
-    """Metal that a layer's beads bring on a region, mm³: their height at its centroid (it is linear) times its area."""
-    middle = shapely.centroid(region)
-    share = float(relief.shares(np.array([[middle.x, middle.y]]))[0])
-    return float(region.area) * share * bead.height_mm
-
-
-def _refuse_thin(bead: Bead) -> None:
-    """Raise PlanningError: nothing of the piece can be deposited."""
-    raise PlanningError(
-        f"nothing can be deposited: all walls are thinner than {THINNEST * bead.width_mm:.2f} mm, "
-        f"{THINNEST:g} of the bead's width",
-        "choose less power, more speed or a larger stock allowance",
+def _is_face_due(state: _State, number: int, is_top: bool) -> bool:
+    """Whether a layer's top is brought to its plane before the next layer."""
+    layers, every = state.layers, state.settings.recipe.face_every_layers
+    if number == len(layers) - 1 or is_top or state.laid[-1].is_uniform:
+        return True
+    return state.above_mm >= _PILED * layers[number + 1].thickness_mm[0] or (
+        every is not None and state.unfaced >= every
     )
+
+
+def _faced(layer: TurnedLayer, bead: Bead, state: _State) -> list[Operation]:
+    """The facing of a layer's top plane, in the layer's frame."""
+    settings, region = state.settings, layer.region
+    if region.areas[2].is_empty and layer is state.layers[-1]:
+        return []
+    top_from_layer = np.linalg.inv(layer.build_from_top) @ layer.build_from_layer
+
+    def carried(xy: Floats) -> Floats:
+        points = np.column_stack([xy, layer.height_at(xy)])
+        return np.asarray(points @ top_from_layer[:2, :3].T + top_from_layer[:2, 3])
+
+    metal = shapely.transform(outset(grown_region(region, bead, settings), BULGE * bead.width_mm, 0.01), carried)
+    level = replace(region, z_bottom=-region.height_mm, z_top=0.0)
+    stands = state.stands_in(layer.build_from_top) if state.stands_in is not None else None
+    operation = face_operation(metal, level, state.above_mm, settings, stands=stands)
+    state.above_mm, state.unfaced = 0.0, 0
+    return [in_build(operation, np.linalg.inv(top_from_layer))] if operation is not None else []
+
+
+def _milled(made: TurnedBand, state: _State) -> list[Operation]:
+    """The milling of a band's walls, in the frame of its last layer."""
+    settings, band = state.settings, made.band
+    beads = [state.laid[k].bead for k in range(band.first, band.last + 1)]
+    run_down = RUNS_DOWN * max(bead.crest_mm for bead in beads)
+    out = max(outside_mm(bead, settings) + BULGE * bead.width_mm for bead in beads)
+    excess = out + max(_leaning_out(state.layers[k]) for k in range(band.first, band.last + 1))
+    under = layers_under(made, state.mesh, run_down + _WEDGE_MM)
+    stands = state.stands_in(made.build_from_band) if state.stands_in is not None else None
+    operations, left = side_operations(band, under, excess, run_down, settings, stands=stands)
+    if not made.narrow.is_empty:
+        height = band.z_top - band.z_bottom
+        state.left.append(
+            Left(
+                "closed",
+                band.first,
+                band.last + 1,
+                places(made.narrow),
+                len(made.narrow.geoms),
+                made.narrow.area * height,
+            )
+        )
+    state.left.extend(replace(item, z_bottom=band.first, z_top=band.last + 1) for item in left)
+    layer_from_band = state.layers[band.last].layer_from_build @ made.build_from_band
+    return [in_build(operation, layer_from_band) for operation in operations]
+
+
+def _leaning_out(layer: TurnedLayer) -> float:
+    """How far a layer stands out beyond its ruled wall, mm: it is as wide as its widest section."""
+    filled = [area for area in layer.region.areas if not area.is_empty]
+    narrow = min(filled, key=lambda area: area.area)
+    return float(shapely.hausdorff_distance(narrow.boundary, layer.region.region.boundary))
+
+
+def _findings(state: _State) -> tuple[str, ...]:
+    """What is to be said of the whole piece.  Raises PlanningError if nothing of it was deposited."""
+    if not any(made.operations for made in state.laid):
+        width = state.laid[0].bead.width_mm
+        raise PlanningError(
+            f"nothing can be deposited: all walls are thinner than {THINNEST * width:.2f} mm, {THINNEST:g} of the bead's width",
+            "choose less power, more speed or a larger stock allowance",
+        )
+    found = [*dropped_findings(state.dropped), *left_findings(state.left, state.settings)]
+    uniform = [number for number, made in enumerate(state.laid) if made.is_uniform]
+    if uniform:
+        found.append(
+            f"{len(uniform)} layers of {min(state.layers[k].thickness_mm[0] for k in uniform):.2f} to "
+            f"{max(state.layers[k].thickness_mm[1] for k in uniform):.2f} mm are made of uniform beads, some of them partial: up to "
+            f"{max(state.laid[k].excess_mm for k in uniform):.2f} mm over their planes are milled off"
+        )
+    return tuple(found)
