@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from planner.collide.points import surface_points
+from planner.collide.points import PointTree, surface_points
 from planner.decompose.pieces import Piece
 from planner.errors import PlanningError
 from planner.mesh.mesh import Mesh
@@ -22,7 +22,9 @@ from planner.toolpath.roughing import box_mesh
 
 Floats = NDArray[np.float64]
 
-_PLATE_MM = 10.0  # of the substrate's thickness that can stand in a cutter's way
+_PLATE_MM = 10.0  # thickness of an ordinary plate
+_TABLE_MM = 240.0  # width of an ordinary machine table, which lies under the plate
+_COARSE_MM = 5.0  # between points of plate and table: the head's curves are wider than that
 _PITCH_MM = 1.5  # of points all over what stands
 _TOUCH_MM = 0.02  # metal this little above the cutter's end is touched, not cut
 _GRID_MM = 1e-3  # heights nearer than this are one
@@ -31,13 +33,13 @@ _GRID_MM = 1e-3  # heights nearer than this are one
 class Standing:
     """Everything that is there before a piece, in the frame of that piece (z = 0 its base plane, z up its direction).
 
-    meshes : of the finished pieces, closed, mm, piece frame   plate : of the substrate
+    meshes : of the finished pieces, closed, mm, piece frame   plate, table : what they are clamped to
     """
 
-    def __init__(self, meshes: Sequence[Mesh], plate: Mesh) -> None:
+    def __init__(self, meshes: Sequence[Mesh], plate: Mesh, table: Mesh) -> None:
         self.meshes = tuple(meshes)
-        self.plate = plate
-        self._solids = [*(solid_of(mesh) for mesh in meshes), solid_of(plate)]
+        self.plate, self.table = plate, table
+        self._solids = [solid_of(mesh) for mesh in (*meshes, plate, table)]
         self._shadows: dict[float, MultiPolygon] = {}
 
     @classmethod
@@ -46,14 +48,18 @@ class Standing:
         piece_from_build = np.linalg.inv(pieces[number].build_from_piece)
         half = 0.5 * np.array(substrate_mm)
         plate = box_mesh(np.array([-half[0], -half[1], -_PLATE_MM]), np.array([half[0], half[1], 0.0]))
+        wide = 0.5 * _TABLE_MM
+        table = box_mesh(np.array([-wide, -wide, -2.0 * _PLATE_MM]), np.array([wide, wide, -_PLATE_MM]))
         return cls(
-            [piece.mesh.transformed(piece_from_build) for piece in pieces[:number]], plate.transformed(piece_from_build)
+            [piece.mesh.transformed(piece_from_build) for piece in pieces[:number]],
+            plate.transformed(piece_from_build),
+            table.transformed(piece_from_build),
         )
 
     @property
     def top_mm(self) -> float:
         """Highest point of what stands above the base plane, mm; 0 where nothing does."""
-        return max(0.0, *(float(mesh.bounds[1, 2]) for mesh in (*self.meshes, self.plate)))
+        return max(0.0, *(float(mesh.bounds[1, 2]) for mesh in (*self.meshes, self.plate, self.table)))
 
     def shadow(self, z: float) -> MultiPolygon:
         """What stands above a height, projected along z, mm."""
@@ -86,7 +92,13 @@ class Standing:
     @cached_property
     def points(self) -> Floats:
         """(n, 3) float, mm   Points all over what stands, closer than any tool is wide, piece frame."""
-        return np.vstack([surface_points(mesh, _PITCH_MM) for mesh in (*self.meshes, self.plate)])
+        near = [surface_points(mesh, _PITCH_MM) for mesh in self.meshes]
+        return np.vstack([*near, surface_points(self.plate, _COARSE_MM), surface_points(self.table, _COARSE_MM)])
+
+    @cached_property
+    def tree(self) -> PointTree:
+        """The same, for many questions."""
+        return PointTree.over(self.points)
 
     def height_of_points(self, layer_from_piece: Floats, region: MultiPolygon, beside_mm: float) -> float:
         """As `height_over`, in the frame of a layer that turns, to the pitch of points."""

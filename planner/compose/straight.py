@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.compose.lean import Lean
 from planner.compose.made import Made, in_place
 from planner.compose.standing import Standing, merged
 from planner.compose.work import Work
@@ -49,7 +50,8 @@ def straight_piece(work: Work) -> Made:
         lambda share: say("toolpaths", 0.08 + 0.92 * share),
         lambda layer: in_place(layer, build_from_piece, work.first_layer, work.number),
     )
-    sequence = _sequence(solid, work, regions, handout, holes)
+    lean = work.lean()
+    sequence = _sequence(solid, work, regions, handout, holes, lean)
     layers = handout.finish()
     if settings.recipe.process != "mill":
         notes += _overhang_findings(regions)
@@ -59,7 +61,7 @@ def straight_piece(work: Work) -> Made:
         work.piece.direction,
         sequence.deposited_mm3,
         max((region.unsupported_mm for region in regions), default=0.0),
-        findings=[*findings, *notes, *sequence.findings],
+        findings=[*findings, *notes, *sequence.findings, *(lean.findings if lean is not None else [])],
     )
 
 
@@ -101,7 +103,7 @@ def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tu
 
 
 def _sequence(
-    part: Mesh, work: Work, regions: list[LayerRegion], handout: Handout, holes: list[Boring]
+    part: Mesh, work: Work, regions: list[LayerRegion], handout: Handout, holes: list[Boring], lean: Lean | None
 ) -> Sequence:
     """All operations in order; the handout is told each layer that is done."""
     settings = work.settings
@@ -113,6 +115,8 @@ def _sequence(
     begun = Sequence(settings)
     if work.standing is not None:
         begun.standing_mm = work.standing.height_over(regions[0].region, _WAY_MM)
+        if lean is not None:
+            begun.lean = lean.away
         if settings.is_milled:
             begun.stands = work.standing.keep_out
             begun.under = work.standing.layers_under(RUNS_DOWN * beads[0].crest_mm, regions[0].height_mm)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.compose.lean import Lean
 from planner.compose.made import Made
 from planner.compose.standing import Standing
 from planner.compose.work import Work
@@ -34,11 +35,12 @@ def turning_piece(work: Work) -> Made:
     layers, findings = turned_layers(piece.mesh, piece.path, settings, settings.recipe)
     work.say("contours", 0.1)
     outlines = _outlines(work, layers)
+    lean = work.lean()
     here: Pose | None = None
     made: list[Layer] = []
     deposited = 0.0
     for number, (step, (contours, walls)) in enumerate(zip(_steps(work, layers), outlines, strict=True)):
-        operations, here = _linked(step, here, work)
+        operations, here = _linked(step, here, work, lean)
         layer = _layer(step.layer, contours, walls, operations, work)
         made.append(layer)
         deposited += step.deposited_mm3
@@ -51,7 +53,7 @@ def turning_piece(work: Work) -> Made:
         layers[-1].top[3:],
         deposited,
         max(layer.region.unsupported_mm for layer in layers),
-        findings=findings,
+        findings=[*findings, *(lean.findings if lean is not None else [])],
     )
 
 
@@ -67,13 +69,17 @@ def _outlines(work: Work, layers: Sequence[TurnedLayer]) -> Iterator[Outlines]:
         at, size = at + size, _LOT
 
 
-def _linked(step: TurnedWork, here: Pose | None, work: Work) -> tuple[list[Operation], Pose | None]:
+def _linked(
+    step: TurnedWork, here: Pose | None, work: Work, lean: Lean | None
+) -> tuple[list[Operation], Pose | None]:
     """A layer's operations with their links, build frame, and the pose in which they leave the tool, build frame."""
     layer = step.layer
     standing = _standing_mm(work.standing, layer, work)
     at = None if here is None else _moved_pose(here, layer.layer_from_build)
     found: list[Operation] = []
+    piece_from_layer = np.linalg.inv(work.piece.build_from_piece) @ layer.build_from_layer
     for operation in step.operations:
+        operation = operation if lean is None else lean.away(operation, piece_from_layer)
         done, at = linked(operation, at, step.metal_top_mm, work.settings, standing)
         found.append(replace(in_build(done, layer.build_from_layer), layer=layer.region.index + work.first_layer))
     return found, None if at is None else _moved_pose(at, layer.build_from_layer)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.compose.lean import Lean
 from planner.compose.standing import Standing
 from planner.decompose.pieces import Piece
 from planner.handout import outlines_of
@@ -34,6 +35,12 @@ class Work:
     build_from_part: Floats
     on_layer: Callable[[Layer], None] | None
     say: Callable[[str, float], None]
+
+    def lean(self) -> Lean | None:
+        """How the head keeps clear of what stands; None where that is the plate alone."""
+        if self.standing is None:
+            return None
+        return Lean(self.standing.tree, self.settings.material.deposition.max_tilt_deg)
 
     @staticmethod
     def outlines(region: LayerRegion, build_from_layer: Floats) -> tuple[Floats, ...]:

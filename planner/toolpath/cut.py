@@ -135,9 +135,13 @@ def _upright_passes(
     missed = _missed(band, settings, stands)
     if small is not None and not missed.is_empty:
         beside = outset(missed, small.cutter_radius_mm + PAST_START_MM)
-        blocked = blocked_near(band.region, band.z_bottom - max(sunk, OVERLAP_MM), excess_mm, small, stands)
-        free = polygons(shapely.difference(beside, blocked))
-        rest, _ = lowered(lambda z: stretch_passes(band.region, free, z, excess_mm, small), small)
+
+        def beside_at(z: float) -> list[Pass]:
+            blocked = blocked_near(band.region, z, excess_mm, small, stands)
+            free = polygons(shapely.difference(beside, blocked))
+            return stretch_passes(band.region, free, z, excess_mm, small)
+
+        rest, _ = lowered(beside_at, small)
     if not is_sunk:
         (passes if small is None else rest).extend(_under_passes(band, below, sunk, small or settings, stands))
     return passes, rest

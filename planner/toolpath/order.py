@@ -34,13 +34,14 @@ class Sequence:
     metal_top : highest metal, mm   above_mm : metal over the nominal top since the last facing
     here : where the tool is   deposited_mm3 : nominal
     standing_mm : how high what else stands reaches under the ways   under : what stands below the base plane, as layers
-    stands : what a cutter must keep clear of
+    stands : what a cutter must keep clear of   lean : how the head keeps clear of it
     """
 
     settings: Settings
     standing_mm: float = 0.0
     under: list[LayerRegion] = field(default_factory=list)
     stands: Stands | None = None
+    lean: Callable[[Operation], Operation] = lambda operation: operation
     metal_top: float = 0.0
     above_mm: float = 0.0
     unfaced: int = 0
@@ -64,7 +65,7 @@ class Sequence:
         self.unfaced += 1
         self.metal_top = layer.z_top + self.above_mm + max(bead.crest_mm - bead.height_mm, 0.0)
         for operation in operations:
-            self.add(operation, layer.index)
+            self.add(self.lean(operation), layer.index)
         filled = outset(layer.region, self.settings.allowance_mm) if self.settings.allowance_mm > 0.0 else layer.region
         self.deposited_mm3 += (filled.area + self._more_hatch_mm2(layer, bead, is_top)) * bead.height_mm
 

@@ -16,6 +16,7 @@ from planner.recipe import Recipe
 from planner.slicing.regions import LayerRegion, built_region, layer_regions
 
 BALL = Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=4, radius=8.0))
+UP = (0.0, 0.0, 1.0)
 LEVELS = np.array([-6.0, -5.0, -3.5, 1.0, 2.0, 4.5, 6.0])
 
 
@@ -66,7 +67,7 @@ def leaning() -> Mesh:
 def test_contours_of_a_deposited_plan_lie_on_the_recipe_s_side_of_a_leaning_column(
     side: Literal["outside", "inside", "both"], shift: float
 ) -> None:
-    made = plan(leaning(), Recipe(process="deposit", layer_height_mm=1.0, tolerance_side=side))
+    made = plan(leaning(), Recipe(process="deposit", layer_height_mm=1.0, tolerance_side=side, build_direction=UP))
     for layer in made.layers:
         width = float(np.ptp(layer.contours[0].curve.evaluate(np.linspace(0.0, 1.0, 401))[:, 0]))
         assert width == pytest.approx(8.0 + 2.0 * shift, abs=2e-3)
@@ -82,7 +83,7 @@ def test_contours_of_a_part_that_widens_upwards_are_those_of_the_section_that_th
     turned = np.linspace(0.0, 2.0 * np.pi, 128, endpoint=False)
     rings = [np.column_stack([r * np.cos(turned), r * np.sin(turned), np.full(128, r - 4.0)]) for r in (4.0, 12.0)]
     hull = trimesh.Trimesh(np.vstack(rings)).convex_hull
-    made = plan(Mesh.from_trimesh(hull), Recipe(process=process, layer_height_mm=1.0, tolerance_side=side))
+    made = plan(Mesh.from_trimesh(hull), Recipe(process=process, layer_height_mm=1.0, tolerance_side=side, build_direction=UP))
     for layer in made.layers:
         width = float(np.ptp(layer.contours[0].curve.evaluate(np.linspace(0.0, 1.0, 801))[:, 0]))
         low, high = 4.0 + layer.bottom[2], 4.0 + layer.top[2]
@@ -90,7 +91,7 @@ def test_contours_of_a_part_that_widens_upwards_are_those_of_the_section_that_th
 
 
 def test_a_hybrid_plan_has_metal_wherever_the_part_is_whatever_the_side() -> None:
-    made = plan(leaning(), Recipe(layer_height_mm=1.0, tolerance_side="inside"))
+    made = plan(leaning(), Recipe(layer_height_mm=1.0, tolerance_side="inside", build_direction=UP))
     for layer in made.layers:
         assert float(np.ptp(layer.contours[0].curve.control_points[:, 0])) == pytest.approx(8.5, abs=2e-3)
 
@@ -101,4 +102,4 @@ def test_a_layer_that_leans_by_its_own_width_has_no_inside() -> None:
     vertices[:, 0] += 4.0 * vertices[:, 2]
     with pytest.raises(PlanningError, match="no outline lies on the side"):
         slanted = Mesh.from_trimesh(trimesh.Trimesh(vertices, body.faces))
-        plan(slanted, Recipe(process="deposit", layer_height_mm=1.0, tolerance_side="inside"))
+        plan(slanted, Recipe(process="deposit", layer_height_mm=1.0, tolerance_side="inside", build_direction=UP))
