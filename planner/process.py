@@ -184,6 +184,20 @@ class Settings:
             )
         return made
 
+    def slowed(self, bead: Bead, speed_mm_s: float) -> Bead:
+        """The same track laid more slowly: powder and power go down with the speed, as far as the window allows."""
+        facts, law = self.material.deposition, self.material.bead
+        per_area = self.material.density_g_mm3 * speed_mm_s * 60.0 / law.catch_efficiency
+        powder, power = bead.powder_g_min, bead.laser_w
+        if self.recipe.powder_g_min is None:
+            powder = _clamped(bead.area_mm2 * per_area, facts.powder_g_min)
+        if self.recipe.laser_w is None and law.width_power_exponent:
+            asked = power * (speed_mm_s / bead.speed_mm_s) ** (-law.width_speed_exponent / law.width_power_exponent)
+            power = min(max(asked, facts.laser_w.min, law.min_power_w), facts.laser_w.max)
+        width = bead.width_mm * (power / bead.laser_w) ** law.width_power_exponent
+        width *= (speed_mm_s / bead.speed_mm_s) ** law.width_speed_exponent
+        return Bead(speed_mm_s, power, powder, width, powder / per_area, bead.step_mm)
+
     def _bead(self, speed_mm_s: float, powder_g_min: float, laser_w: float) -> Bead:
         law = self.material.bead
         area = law.catch_efficiency * powder_g_min / 60.0 / (self.material.density_g_mm3 * speed_mm_s)

@@ -23,6 +23,7 @@ from planner.toolpath.contour import closed_bead, contour_passes, edge_mm, open_
 from planner.toolpath.fill import fill_passes
 from planner.toolpath.fitting import fitted_stretches, widest_mm
 from planner.toolpath.motion import UP, Motion
+from planner.toolpath.overhang import overhang_passes
 from planner.toolpath.relief import Relief
 
 Floats = NDArray[np.float64]
@@ -69,12 +70,20 @@ def deposit_operations(
     Raises RecipeError if the material's window has no bead as high as asked.
     """
     relief = Relief.of(layer, bead, settings, height_at) if height_at is not None else None
+    growth = outside_mm(bead, settings)
     grown = grown_region(layer, bead, settings)
+    middle = outset(layer.areas[1], growth) if growth > 0.0 else layer.areas[1]
+    hanging = overhang_passes(layer, grown, middle, growth, bead, settings, height_at)
+    grown = hanging.rest
     middles, dropped, wide = _thin_passes(grown, layer, bead, settings, relief)
     contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings, relief)
     fill = fill_passes(wide, layer.z_bottom, layer.index, bead, settings, is_top, relief)
     operations: list[Operation] = []
-    for process, passes in ((Process.DEPOSIT_CONTOUR, [*contours, *middles]), (Process.DEPOSIT_FILL, fill)):
+    for process, passes in (
+        (Process.DEPOSIT_CONTOUR, [*contours, *middles]),
+        (Process.DEPOSIT_FILL, fill),
+        (Process.DEPOSIT_OVERHANG, hanging.passes),
+    ):
         if passes:
             operations.append(
                 Operation(
