@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
@@ -19,6 +19,9 @@ from planner.toolpath.motion import Motion
 from planner.toolpath.side import wall_offsets
 
 Floats = NDArray[np.float64]
+
+DepthAt = Callable[[Floats, Floats, float], Floats]
+"""Tips at the bottom's height (n, 3) mm, unit axes (n, 3), distance of the cutter's axis from the wall, mm: depths (n,), mm."""
 
 STEEPEST_AXIS = 0.35
 """Least z of a ruling that the flank follows: beyond 70 degrees from the build direction a wall is a ledge."""
@@ -39,11 +42,14 @@ def ruled_motions(
     floor_z: float | None,
     settings: Settings,
     others: Sequence[Wall] = (),
+    *,
+    depth_at: DepthAt | None = None,
 ) -> list[Motion]:
     """Closed tip curves with their axes along one ruled wall, outside in, the part on the right (climb milling).
 
     wall : bottom and top with the part on their left   below_mm : how far the flank reaches under the bottom
-    floor_z : the cutter's end stays above it; None: free below   others : walls that it must not cut either.
+    floor_z : the cutter's end stays above it; None: free below   others : walls that it must not cut either
+    depth_at : how far each pose may reach under the bottom, in place of below_mm.
     Tip = bottom point + (radius + what is left) x normal, axis = ruling: the flank touches the whole ruling. Points at
     which it would cut into the wall elsewhere (inside corners) are left out. Empty if nothing is left, if the tip would
     stand still (a bore as wide as the cutter), if the axis would have to jump, or if the way past what is left out
@@ -60,7 +66,8 @@ def ruled_motions(
     stands = np.vstack([low, high, *(_ends_of(other) for other in others)])
     motions = []
     for leave in wall_offsets(excess_mm, settings.material.milling.radial_depth_mm):
-        tip = low + (radius + leave) * normal - (below_mm / axis[:, 2])[:, None] * axis
+        under = below_mm if depth_at is None else depth_at(low + (radius + leave) * normal, axis, radius + leave)
+        tip = low + (radius + leave) * normal - (under / axis[:, 2])[:, None] * axis
         if floor_z is not None:
             dip = radius * np.hypot(axis[:, 0], axis[:, 1])
             tip = tip + (np.maximum(floor_z - (tip[:, 2] - dip), 0.0) / axis[:, 2])[:, None] * axis

@@ -16,13 +16,14 @@ from planner.plan import Operation
 from planner.process import Bead, Settings
 from planner.slicing.turning import TurnedLayer
 from planner.toolpath.beside import Stands
-from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operations
+from planner.toolpath.cut import BULGE, Left, face_operation, left_findings
 from planner.toolpath.deposit import THINNEST, Dropped, dropped_findings, grown_region, outside_mm
 from planner.toolpath.order import RUNS_DOWN
 from planner.toolpath.placed import in_build
 from planner.toolpath.side import places
 from planner.toolpath.turned_bands import TurnedBand, layers_under, make_turned_bands
 from planner.toolpath.turned_deposit import Laid, laid
+from planner.toolpath.turned_side import turned_side_operations
 
 __all__ = ["StandsIn", "TurnedWork", "in_build", "turned_operations"]
 
@@ -140,7 +141,8 @@ def _faced(layer: TurnedLayer, bead: Bead, state: _State) -> list[Operation]:
     stands = state.stands_in(layer.build_from_top) if state.stands_in is not None else None
     operation = face_operation(metal, level, state.above_mm, settings, stands=stands)
     state.above_mm, state.unfaced = 0.0, 0
-    return [in_build(operation, np.linalg.inv(top_from_layer))] if operation is not None else []
+    layer_from_top = np.asarray(np.linalg.inv(top_from_layer))
+    return [in_build(operation, layer_from_top)] if operation is not None else []
 
 
 def _milled(made: TurnedBand, state: _State) -> list[Operation]:
@@ -152,7 +154,7 @@ def _milled(made: TurnedBand, state: _State) -> list[Operation]:
     excess = out + max(_leaning_out(state.layers[k]) for k in range(band.first, band.last + 1))
     under = layers_under(made, state.mesh, run_down + _WEDGE_MM)
     stands = state.stands_in(made.build_from_band) if state.stands_in is not None else None
-    operations, left = side_operations(band, under, excess, run_down, settings, stands=stands)
+    operations, left = turned_side_operations(made, under, excess, run_down, settings, stands)
     if not made.narrow.is_empty:
         height = band.z_top - band.z_bottom
         state.left.append(

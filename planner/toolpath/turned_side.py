@@ -1,0 +1,182 @@
+"""Side milling of a band that turns: the flank on its rulings, each pose as deep under the band as the piece there allows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from planner.nurbs.offset import outset
+from planner.plan import Operation, Pass, Process
+from planner.process import Settings
+from planner.slicing.regions import LayerRegion
+from planner.toolpath.axis import DepthAt, ruled_motions
+from planner.toolpath.beside import Stands, blocked_mm, blocked_near
+from planner.toolpath.cut import OVERLAP_MM, Left, side_operations
+from planner.toolpath.motion import Motion, process_pass
+from planner.toolpath.side import begun_on_flat, places, side_pass, unreached, upright_passes
+from planner.toolpath.turned_bands import TurnedBand
+
+Floats = NDArray[np.float64]
+
+_FOLLOWS = 0.2  # of the tolerance: how far the flank may cut into the wall under the band, or leave it
+_STEEPEST = 1.0  # change of depth along the pass: the cutter's end rises and falls by no more than 45 degrees
+_ARC_ROOM_MM = 0.5  # by which arcs on and off a wall may come nearer to it than the pass: they leave it sideways
+_SAMPLE_MM = 0.05  # chord error at which a pass is looked at
+_LEAST_STRETCH_MM = 1.0  # shorter cuts between places that are barred are left out
+
+
+def turned_side_operations(
+    made: TurnedBand,
+    under: Sequence[LayerRegion],
+    excess_mm: float,
+    run_down_mm: float,
+    settings: Settings,
+    stands: Stands | None = None,
+) -> tuple[list[Operation], list[Left]]:
+    """Milling of a band's walls in the band's frame, and what it leaves.
+
+    under : `layers_under` the band   excess_mm : metal outside the walls   run_down_mm : how far it may have run down
+    stands : what must not be cut beside it. Bands that no flank follows are milled as `side_operations` does.
+    """
+    band = made.band
+    passes: list[Pass] = []
+    barred = blocked_near(band.region, band.z_bottom, excess_mm, settings, stands)
+    if band.kind == "ruled":
+        passes = _ruled_passes(made, under, excess_mm, run_down_mm, settings, barred)
+    if not passes:
+        stepped = replace(band, kind="stepped") if band.kind == "ruled" else band
+        return side_operations(stepped, under, excess_mm, run_down_mm, settings, stands=stands)
+    operation = Operation(
+        Process.MILL_SIDE,
+        band.last,
+        tuple(passes),
+        cutter_diameter_mm=settings.cutter_diameter_mm,
+        spindle_rpm=settings.spindle_rpm,
+        note="ruled",
+    )
+    left = unreached(band.region, settings.cutter_radius_mm)
+    height = band.z_top - band.z_bottom
+    found = [
+        Left(kind, band.z_bottom, band.z_top, places(area), len(area.geoms), area.area * height)
+        for kind, area in (("closed", left.closed), ("corners", left.corners))
+        if area.geoms
+    ]
+    kept_off = blocked_mm(band.region, barred, settings)
+    if kept_off > _LEAST_STRETCH_MM:
+        found.append(Left("beside", band.z_bottom, band.z_top, "", 0, kept_off * height))
+    return [operation], found
+
+
+def _ruled_passes(
+    made: TurnedBand,
+    under: Sequence[LayerRegion],
+    excess_mm: float,
+    run_down_mm: float,
+    settings: Settings,
+    barred: MultiPolygon,
+) -> list[Pass]:
+    """Passes round all walls, wall by wall; none if the flank cannot follow one of them."""
+    band = made.band
+    on_base = band.first == 0
+    reach = depths(under, band.z_bottom, OVERLAP_MM + run_down_mm, settings)
+    passes: list[Pass] = []
+    keep_out = outset(band.region, settings.cutter_radius_mm - _ARC_ROOM_MM)
+    for wall in band.walls:
+        others = [other for other in band.walls if other is not wall]
+        motions = ruled_motions(
+            wall, excess_mm, 0.0, 0.0, settings, others, depth_at=None if on_base or not band.continues else reach
+        )
+        if not motions:
+            return []
+        for motion in motions:
+            if barred.is_empty:
+                passes.append(side_pass(begun_on_flat(motion), keep_out, excess_mm, settings))
+            else:
+                passes += _free_passes(motion, barred, settings)
+    if on_base or not band.continues:
+        upright = upright_passes(band.region, band.z_bottom, excess_mm, settings)
+        if barred.is_empty:
+            return [*upright, *passes]
+    return passes
+
+
+def _free_passes(motion: Motion, barred: MultiPolygon, settings: Settings) -> list[Pass]:
+    """The stretches of a closed motion on which its tip stays clear of a region, each a pass; all of it if it does."""
+    row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
+    u = motion.tip.sample(_SAMPLE_MM)
+    points = motion.tip.evaluate(u)
+    shapely.prepare(barred)
+    free = ~shapely.contains_xy(barred, points[:, 0], points[:, 1])
+    if free.all():
+        return [process_pass(begun_on_flat(motion), row)]
+    first = int(np.flatnonzero(~free)[0])
+    turned = motion.started_at(float(motion.tip.arc_length([u[first]])[0]))
+    u = turned.tip.sample(_SAMPLE_MM)
+    points = turned.tip.evaluate(u)
+    free = ~shapely.contains_xy(barred, points[:, 0], points[:, 1])
+    arcs = turned.tip.arc_length(u)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
+    found = []
+    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        begin, end = float(arcs[start]), float(arcs[stop - 1])
+        if end - begin >= _LEAST_STRETCH_MM:
+            found.append(process_pass(_between(turned, begin, end), row))
+    return found
+
+
+def _between(motion: Motion, begin: float, end: float) -> Motion:
+    """The motion from one arc length to another, mm."""
+    part = motion if end >= motion.length - 1e-6 else motion.from_arc(end)[0]
+    return part if begin <= 1e-6 else part.from_arc(begin)[1]
+
+
+def depths(under: Sequence[LayerRegion], z_bottom: float, most_mm: float, settings: Settings) -> DepthAt:
+    """How far poses may reach under a band: as long as the cutter's axis keeps its distance from what stands there.
+
+    under : from the lowest, up to z_bottom   most_mm : no deeper than so.
+    """
+    levels: list[tuple[float, MultiPolygon]] = []
+    for layer in reversed(under):
+        middle = 0.5 * (layer.z_bottom + layer.z_top)
+        levels += [(layer.z_top, layer.areas[2]), (middle, layer.areas[1]), (layer.z_bottom, layer.areas[0])]
+    allowed = _FOLLOWS * settings.recipe.tolerance_mm
+    for _, area in levels:
+        shapely.prepare(area)
+
+    def depth_at(tips: Floats, axes: Floats, away_mm: float) -> Floats:
+        reached = np.zeros(len(tips))
+        short = np.full(len(tips), allowed)  # how far the axis may still come nearer, at the last level
+        is_free = np.ones(len(tips), dtype=np.bool_)
+        last = 0.0
+        for height, area in levels:
+            down = z_bottom - height
+            if down <= last or last >= most_mm:
+                continue
+            points = tips - (down / axes[:, 2])[:, None] * axes
+            apart = shapely.distance(shapely.points(points[:, :2]), area) / axes[:, 2]
+            spare = apart - away_mm + allowed
+            gone = np.where(spare >= 0.0, 1.0, np.clip(short / np.maximum(short - spare, 1e-12), 0.0, 1.0))
+            reached = np.where(is_free, last + gone * (down - last), reached)
+            is_free &= spare >= 0.0
+            short = np.where(is_free, np.maximum(spare, 1e-9), short)
+            last = down
+        return _levelled(np.minimum(reached, most_mm), tips)
+
+    return depth_at
+
+
+def _levelled(depth: Floats, tips: Floats) -> Floats:
+    """Depths no deeper than given whose change along a closed pass is bounded.  depth : (n,) mm   tips : (n, 3) mm"""
+    steps = _STEEPEST * np.linalg.norm(np.roll(tips, -1, axis=0) - tips, axis=1)
+    level = depth.copy()
+    for _ in range(2):
+        for k in range(len(level)):
+            level[k] = min(level[k], level[k - 1] + steps[k - 1])
+        for k in range(len(level) - 1, -1, -1):
+            level[k] = min(level[k], level[(k + 1) % len(level)] + steps[k])
+    return level
