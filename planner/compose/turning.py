@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from planner.compose.work import Work
 from planner.plan import Contour, Layer, Operation, Wall
 from planner.slicing.turned_outlines import plan_outlines
 from planner.slicing.turning import TurnedLayer, turned_layers
-from planner.toolpath.links import Pose, linked
+from planner.toolpath.links import Pose, linked, taken_up
 from planner.toolpath.placed import in_build
 from planner.toolpath.turning import TurnedWork, turned_operations
 
@@ -36,11 +36,11 @@ def turning_piece(work: Work) -> Made:
     work.say("contours", 0.1)
     outlines = _outlines(work, layers)
     lean = work.lean()
-    here: Pose | None = None
+    way = _Way()
     made: list[Layer] = []
     deposited = 0.0
     for number, (step, (contours, walls)) in enumerate(zip(_steps(work, layers), outlines, strict=True)):
-        operations, here = _linked(step, here, work, lean)
+        operations = _linked(step, way, work, lean)
         layer = _layer(step.layer, contours, walls, operations, work)
         made.append(layer)
         deposited += step.deposited_mm3
@@ -69,20 +69,28 @@ def _outlines(work: Work, layers: Sequence[TurnedLayer]) -> Iterator[Outlines]:
         at, size = at + size, _LOT
 
 
-def _linked(
-    step: TurnedWork, here: Pose | None, work: Work, lean: Lean | None
-) -> tuple[list[Operation], Pose | None]:
-    """A layer's operations with their links, build frame, and the pose in which they leave the tool, build frame."""
+@dataclass
+class _Way:
+    """How far the tool has come.  here : its pose, build frame   last : what it did"""
+
+    here: Pose | None = None
+    last: Operation | None = None
+
+
+def _linked(step: TurnedWork, way: _Way, work: Work, lean: Lean | None) -> list[Operation]:
+    """A layer's operations with their links, build frame; the way goes on to where they leave the tool."""
     layer = step.layer
     standing = _standing_mm(work.standing, layer, work)
-    at = None if here is None else _moved_pose(here, layer.layer_from_build)
-    found: list[Operation] = []
     piece_from_layer = np.linalg.inv(work.piece.build_from_piece) @ layer.build_from_layer
-    for operation in step.operations:
-        operation = operation if lean is None else lean.away(operation, piece_from_layer)
+    found: list[Operation] = []
+    for asked in step.operations:
+        operation = asked if lean is None else lean.away(asked, piece_from_layer)
+        at = None if way.here is None else _moved_pose(way.here, layer.layer_from_build)
+        at = taken_up(at, way.last, operation)
         done, at = linked(operation, at, step.metal_top_mm, work.settings, standing)
         found.append(replace(in_build(done, layer.build_from_layer), layer=layer.region.index + work.first_layer))
-    return found, None if at is None else _moved_pose(at, layer.build_from_layer)
+        way.here, way.last = _moved_pose(at, layer.build_from_layer), done
+    return found
 
 
 def _standing_mm(standing: Standing | None, layer: TurnedLayer, work: Work) -> float:

@@ -84,6 +84,21 @@ def linked(
     return replace(operation, passes=tuple(passes)), up
 
 
+def taken_up(here: Pose | None, before: Operation | None, operation: Operation) -> Pose | None:
+    """The pose to link an operation from; none where another tool begins with another axis.
+
+    The tool is changed up at the machine's retract; the other one need not come down where it would lean otherwise.
+    """
+    if here is None or before is None or not operation.passes:
+        return here
+    is_other = (before.process.is_deposit, before.cutter_diameter_mm) != (
+        operation.process.is_deposit,
+        operation.cutter_diameter_mm,
+    )
+    turns = np.abs(start_of(operation.passes[0]).axis - here.axis).max() > 1e-9
+    return None if is_other and turns else here
+
+
 def linked_from_beside(operation: Operation, here: Pose, beyond: Pose, metal_top: float) -> tuple[Operation, Pose]:
     """The operation with ways to and from its one pass, which begins and ends on a straight way in from the side.
 

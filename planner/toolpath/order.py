@@ -18,7 +18,7 @@ from planner.toolpath.bore import Boring, bore_operation
 from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operations
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
 from planner.toolpath.fill import infill_region
-from planner.toolpath.links import Pose, linked
+from planner.toolpath.links import Pose, linked, taken_up
 
 Finished = Callable[[LayerRegion, list[Operation]], None]
 
@@ -42,6 +42,7 @@ class Sequence:
     under: list[LayerRegion] = field(default_factory=list)
     stands: Stands | None = None
     lean: Callable[[Operation], Operation] = lambda operation: operation
+    last: Operation | None = None
     metal_top: float = 0.0
     above_mm: float = 0.0
     unfaced: int = 0
@@ -54,8 +55,12 @@ class Sequence:
 
     def add(self, operation: Operation, layer: int) -> None:
         """Link an operation to what comes before it and take it in."""
-        done, self.here = linked(operation, self.here, self.metal_top, self.settings, self.standing_mm)
+        here = self.here
+        if self.stands is not None:
+            here = taken_up(here, self.last, operation)
+        done, self.here = linked(operation, here, self.metal_top, self.settings, self.standing_mm)
         self.operations.setdefault(layer, []).append(done)
+        self.last = done
 
     def deposit(self, layer: LayerRegion, bead: Bead, is_top: bool) -> None:
         """A layer's deposition.  is_top : part of its top is a finished face."""
