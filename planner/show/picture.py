@@ -1,4 +1,4 @@
-"""A plan as a picture: the stack of layers from the side, and chosen layers from above with all their passes."""
+"""A plan as a picture: the part in space, the stack of layers from the side, and chosen layers with all their passes."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 
 from planner.plan import Plan
+from planner.show.places import flat, is_level, where
+from planner.show.solid import solid_of
+from planner.show.space import HANGING, draw_areas, draw_space, piece_handles
 from planner.show.strokes import COLOURS, Stroke, layer_strokes
 
 _PANEL_INCH = 5.2
 _DPI = 110
+_EYES_DEG = ((-58.0, 24.0), (122.0, 30.0))
+_MOST_PIECES = 6
 _WORDS = {
     "contour": "deposit contour",
     "hatch": "deposit hatch",
@@ -26,8 +31,10 @@ _WORDS = {
 
 
 def png(plan: Plan, layers: Sequence[int] | None = None) -> bytes:
-    """A PNG file.  layers : which ones are drawn from above; None: a first, middle and last one, milled where possible.
+    """A PNG file.  layers : which ones are drawn by themselves; None: a first, middle and last one, milled where possible, or
+    of every subcomponent the one that overhangs most.
 
+    A plan that says how the part is divided, or what overhangs, has a row above with the part in space and the areas by layer.
     Raises ValueError if there is no such layer.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -37,28 +44,70 @@ def png(plan: Plan, layers: Sequence[int] | None = None) -> bytes:
     for number in chosen:
         if not 0 <= number < len(plan.layers):
             raise ValueError(f"no layer {number}: the plan has 0 … {len(plan.layers) - 1}")
-    figure = Figure(figsize=(_PANEL_INCH * (1 + len(chosen)), _PANEL_INCH + 1.1), dpi=_DPI, facecolor="white")
+    level = all(is_level(layer) for layer in plan.layers)
+    count = max(len(chosen) + level, 3 if (tall := _has_space(plan)) else 1)
+    height = 2.0 * _PANEL_INCH + 1.4 if tall else _PANEL_INCH + 1.1
+    figure = Figure(figsize=(_PANEL_INCH * count, height), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(1, 1 + len(chosen), squeeze=False)[0]
+    low, high = (0.09, 0.46) if tall else (0.16, 0.87)
+    grid = figure.add_gridspec(1, len(chosen) + level, left=0.045, right=0.99, bottom=low, top=high, wspace=0.16)
+    panels = [figure.add_subplot(grid[0, k]) for k in range(len(chosen) + level)]
     strokes = {number: layer_strokes(plan.layers[number]) for number in chosen}
-    _draw_side(axes[0], plan, chosen)
-    for panel, number in zip(axes[1:], chosen, strict=True):
+    if level:
+        _draw_side(panels[0], plan, chosen)
+    for panel, number in zip(panels[int(level) :], chosen, strict=True):
         _draw_layer(panel, plan, number, strokes[number])
-    _legend(figure, {stroke.kind for found in strokes.values() for stroke in found})
+    if tall:
+        _draw_above(figure, plan)
+    hangs = any(plan.layers[number].overhang for number in chosen)
+    _legend(figure, {stroke.kind for found in strokes.values() for stroke in found}, hangs)
     size = plan.bounds[1] - plan.bounds[0]
     figure.suptitle(
         f"{plan.part_name} · {plan.process} of {plan.material} · {len(plan.layers)} layers · "
         f"{size[0]:.1f} × {size[1]:.1f} × {size[2]:.1f} mm",
         fontsize=13,
     )
-    figure.subplots_adjust(left=0.045, right=0.99, bottom=0.16, top=0.87, wspace=0.16)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()
 
 
+def _has_space(plan: Plan) -> bool:
+    """Whether there is more to see than a stack of level layers."""
+    return bool(plan.subcomponents) or any(layer.overhang or not is_level(layer) for layer in plan.layers)
+
+
+def _draw_above(figure: Any, plan: Plan) -> None:
+    """The upper row: the part in space from two sides, and the areas by layer."""
+    grid = figure.add_gridspec(1, 3, left=0.02, right=0.965, bottom=0.59, top=0.93, wspace=0.1, width_ratios=(1, 1, 0.9))
+    solid = solid_of(plan)
+    for column, (azimuth, elevation) in enumerate(_EYES_DEG):
+        panel = figure.add_subplot(grid[0, column])
+        draw_space(panel, plan, solid, azimuth, elevation)
+        panel.set_title(f"seen from {_side(azimuth)} and above", fontsize=9.5)
+    draw_areas(figure.add_subplot(grid[0, 2]), plan)
+    handles = piece_handles(plan)
+    figure.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.555), ncol=max(min(len(handles), 7), 1), fontsize=9,
+        frameon=False,
+    )  # fmt: skip
+
+
+def _side(azimuth_deg: float) -> str:
+    """Which way is towards the eye, as signs of x and y."""
+    x, y = np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg))
+    return f"{'+' if x > 0.0 else '-'}x {'+' if y > 0.0 else '-'}y"
+
+
 def chosen_layers(plan: Plan) -> list[int]:
-    """Up to three layers that tell most: the first, the first with milled walls, the last."""
+    """Layers that tell most: the first, the first with milled walls, the last; of several subcomponents, one of each.
+
+    Of a subcomponent it is the layer that overhangs most, or its middle one; of very many the first few are shown.
+    """
+    parts = [range(*part.layers) for part in plan.subcomponents if part.layers[1] > part.layers[0]]
+    if len(parts) > 1:
+        most = [max(part, key=lambda k: (plan.layers[k].overhang_mm2, -abs(k - part[len(part) // 2]))) for part in parts]
+        return sorted(most[:_MOST_PIECES])
     last = len(plan.layers) - 1
     milled = [k for k, layer in enumerate(plan.layers) if any(not op.process.is_deposit for op in layer.operations)]
     middle = milled[0] if milled else last // 2
@@ -97,12 +146,13 @@ def _draw_side(panel: Any, plan: Plan, chosen: list[int]) -> None:
 
 
 def _draw_layer(panel: Any, plan: Plan, number: int, strokes: list[Stroke]) -> None:
-    """One layer from above: beads and cuts to scale of colour, contours of the finished part in black."""
+    """One layer against its normal: beads and cuts to scale of colour, contours of the finished part in black."""
     from matplotlib.collections import LineCollection
+    from matplotlib.patches import PathPatch
 
     layer = plan.layers[number]
     for kind in ("rapid", "link", "lead", "hatch", "contour", "overhang", "face", "side"):
-        lines = [stroke.points[:, :2] for stroke in strokes if stroke.kind == kind]
+        lines = [flat(layer, stroke.points) for stroke in strokes if stroke.kind == kind]
         if lines:
             thin = kind in ("rapid", "link", "lead")
             panel.add_collection(
@@ -115,25 +165,40 @@ def _draw_layer(panel: Any, plan: Plan, number: int, strokes: list[Stroke]) -> N
                 )
             )
     for contour in layer.contours:
-        outline = contour.curve.evaluate(contour.curve.sample(0.02))
+        outline = flat(layer, contour.curve.evaluate(contour.curve.sample(0.02)))
         panel.plot(outline[:, 0], outline[:, 1], color="#212529", lw=1.0, zorder=4)
-    points = np.vstack([stroke.points[:, :2] for stroke in strokes]) if strokes else plan.bounds[:, :2]
+    if layer.overhang:
+        area = _area([flat(layer, outline) for outline in layer.overhang])
+        panel.add_patch(PathPatch(area, fill=False, hatch="////", ec=HANGING, lw=0.8, zorder=5))
+    points = np.vstack([flat(layer, stroke.points) for stroke in strokes]) if strokes else flat(layer, plan.bounds)
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.04 * float((high - low).max()) + 0.5
     panel.set_xlim(low[0] - room, high[0] + room)
     panel.set_ylim(low[1] - room, high[1] + room)
     panel.set_aspect("equal", adjustable="box")
-    panel.set_title(f"layer {layer.index}: z {layer.bottom[2]:.2f} … {layer.top[2]:.2f} mm (x, y)", fontsize=9.5)
+    piece = f", piece {plan.subcomponents[layer.subcomponent].name}" if len(plan.subcomponents) > 1 else ""
+    title = f"{where(layer)} (x, y)" if is_level(layer) else f"in its own plane,\n{where(layer)}"
+    panel.set_title(f"layer {layer.index}{piece}: {title}", fontsize=9.5)
     panel.tick_params(labelsize=8)
 
 
-def _legend(figure: Any, kinds: set[str]) -> None:
-    from matplotlib.lines import Line2D
+def _area(outlines: list[Any]) -> Any:
+    """Closed outlines as one path; holes run the other way."""
+    from matplotlib.path import Path
 
-    handles = [
+    return Path.make_compound_path(*(Path(np.vstack([outline, outline[:1]]), closed=True) for outline in outlines))
+
+
+def _legend(figure: Any, kinds: set[str], hangs: bool) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = [
         Line2D([], [], color=COLOURS[kind], lw=2.2, ls="--" if kind == "rapid" else "-", label=_WORDS[kind])
         for kind in COLOURS
         if kind in kinds
     ]
     handles.append(Line2D([], [], color="#212529", lw=1.2, label="finished contour"))
+    if hangs:
+        handles.append(Patch(fill=False, hatch="////", ec=HANGING, label="rests on nothing"))
     figure.legend(handles=handles, loc="lower center", ncol=len(handles), fontsize=9, frameon=False)

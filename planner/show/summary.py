@@ -7,6 +7,8 @@ import math
 from typing import Any
 
 from planner.plan import Layer, Operation, Plan
+from planner.show.division import division_figures, division_lines
+from planner.show.places import is_level, thickness, tilt_deg
 
 _MOST_FINDINGS = 20
 
@@ -28,15 +30,22 @@ def _figures(plan: Plan) -> dict[str, Any]:
         "volumes_mm3": {name: round(value, 3) for name, value in plan.volumes_mm3.items()},
         "findings": list(plan.findings),
         "schema": plan.schema,
+        **division_figures(plan),
         "layers": [_layer_figures(layer) for layer in plan.layers],
     }
 
 
 def _layer_figures(layer: Layer) -> dict[str, Any]:
+    least, greatest = thickness(layer)
     return {
         "index": layer.index,
         "z_bottom_mm": round(float(layer.bottom[2]), 6),
         "z_top_mm": round(float(layer.top[2]), 6),
+        "bottom": [round(value, 6) for value in (layer.bottom + 0.0).tolist()],
+        "top": [round(value, 6) for value in (layer.top + 0.0).tolist()],
+        "tilt_deg": round(tilt_deg(layer), 4),
+        "thickness_mm": [round(least, 6), round(greatest, 6)],
+        "subcomponent": layer.subcomponent,
         "contours": len(layer.contours),
         "walls": len(layer.walls),
         "twist_deg": round(math.degrees(max((wall.twist_rad for wall in layer.walls), default=0.0)), 4),
@@ -44,6 +53,7 @@ def _layer_figures(layer: Layer) -> dict[str, Any]:
         "smooth_deviation_mm": smooth_deviation(layer),
         "overlap_mm2": round(layer.overlap_mm2, 4),
         "overhang_mm2": round(layer.overhang_mm2, 4),
+        "overhang_outlines": len(layer.overhang),
         "operations": [_operation_figures(operation) for operation in layer.operations],
     }
 
@@ -87,13 +97,20 @@ def text(plan: Plan) -> str:
     lines += [f"! {finding}" for finding in plan.findings[:_MOST_FINDINGS]]
     if len(plan.findings) > _MOST_FINDINGS:
         lines.append(f"! and {len(plan.findings) - _MOST_FINDINGS} more findings (--json lists all)")
-    lines.append("layer   z from      to  height  contours  off facets  off surface  operations (passes, length)")
-    lines += [_layer_line(layer) for layer in plan.layers]
+    lines += division_lines(plan)
+    hangs = any(layer.overhang_mm2 > 0.0 for layer in plan.layers)
+    if not all(is_level(layer) for layer in plan.layers):
+        lines.append("layers that are not level: tilt of the bottom plane, least … greatest thickness in mm")
+    area = "  overhang" if hangs else ""
+    lines.append(f"layer   z from      to  height  contours  off facets  off surface{area}  operations (passes, length)")
+    starts = {part.layers[0]: part.name for part in plan.subcomponents} if len(plan.subcomponents) > 1 else {}
+    for number, layer in enumerate(plan.layers):
+        lines += [f"piece {starts[number]}"] if number in starts else []
+        lines.append(_layer_line(layer, hangs))
     return "\n".join(lines) + "\n"
 
 
-def _layer_line(layer: Layer) -> str:
-    low, high = float(layer.bottom[2]), float(layer.top[2])
+def _layer_line(layer: Layer, hangs: bool) -> str:
     parts = []
     for operation in layer.operations:
         work = [step for step in operation.passes if not step.is_link]
@@ -102,4 +119,15 @@ def _layer_line(layer: Layer) -> str:
     facets = max((contour.deviation_mm for contour in layer.contours), default=0.0)
     surface = smooth_deviation(layer)
     off = f"{facets:11.5f} {'-' if surface is None else format(surface, '.2e'):>12}"
-    return f"{layer.index:5d} {low:8.3f} {high:7.3f} {high - low:7.3f} {len(layer.contours):9d} {off}  {'; '.join(parts)}"
+    area = f" {layer.overhang_mm2:9.2f}" if hangs else ""
+    return f"{layer.index:5d} {_extent(layer)} {len(layer.contours):9d} {off}{area}  {'; '.join(parts)}"
+
+
+def _extent(layer: Layer) -> str:
+    """Heights of a level layer, tilt and thickness of another one, equally wide."""
+    if is_level(layer):
+        low, high = float(layer.bottom[2]), float(layer.top[2])
+        return f"{low:8.3f} {high:7.3f} {high - low:7.3f}"
+    least, greatest = thickness(layer)
+    thick = f"{least:.3f} … {greatest:.3f}" if greatest - least >= 5e-4 else f"{least:.3f}"
+    return f"{tilt_deg(layer):7.1f}° {thick:>15}"
