@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
-import manifold3d  # type: ignore[import-not-found,unused-ignore]
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon
 
 from planner.collide.points import PointTree, surface_points
 from planner.decompose.pieces import Piece
-from planner.errors import PlanningError
+from planner.decompose.solids import polygons, silhouette, solid_of
 from planner.mesh.mesh import Mesh
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion, layer_regions
@@ -65,18 +64,19 @@ class Standing:
         """What stands above a height, projected along z, mm."""
         level = round(z / _GRID_MM) * _GRID_MM
         if level not in self._shadows:
-            found: list[Polygon] = []
-            for solid in self._solids:
-                if solid.bounding_box()[5] > level + _TOUCH_MM:
-                    found += _outlines(solid.trim_by_plane((0.0, 0.0, 1.0), level + _TOUCH_MM))
-            self._shadows[level] = _polygons(shapely.union_all(found)) if found else MultiPolygon()
+            found = [
+                silhouette(solid.trim_by_plane((0.0, 0.0, 1.0), level + _TOUCH_MM))
+                for solid in self._solids
+                if solid.bounding_box()[5] > level + _TOUCH_MM
+            ]
+            self._shadows[level] = polygons(shapely.union_all(found)) if found else MultiPolygon()
         return self._shadows[level]
 
     def keep_out(self, z: float, settings: Settings) -> MultiPolygon:
         """Where the centre of an upright cutter must not go with its end at a height, mm: flutes, and the holder above."""
         near = shapely.buffer(self.shadow(z), settings.cutter_radius_mm - _TOUCH_MM, quad_segs=32)
         high = shapely.buffer(self.shadow(z + stickout_mm(settings)), holder_radius_mm(settings), quad_segs=32)
-        return _polygons(shapely.union(near, high))
+        return polygons(shapely.union(near, high))
 
     def height_over(self, region: MultiPolygon, beside_mm: float) -> float:
         """How high what stands reaches over the hull of a region and a distance beside it, mm; 0 where nothing does."""
@@ -126,33 +126,3 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
         np.vstack([mesh.vertices for mesh in meshes]),
         np.vstack([mesh.facets + start for mesh, start in zip(meshes, at, strict=False)]),
     )
-
-
-def solid_of(mesh: Mesh) -> manifold3d.Manifold:
-    """A closed mesh for booleans in space.  Raises PlanningError if it is none."""
-    solid = manifold3d.Manifold(manifold3d.Mesh64(mesh.vertices.copy(), mesh.facets.astype(np.uint64)))
-    if solid.status() != manifold3d.Error.NoError:
-        raise PlanningError(
-            f"a piece of the part encloses no volume that can be reckoned with ({solid.status().name})",
-            "check the mesh, or set decompose = never",
-        )
-    return solid
-
-
-def _outlines(solid: manifold3d.Manifold) -> list[Polygon]:
-    """What a solid covers, seen along z."""
-    seen = manifold3d.CrossSection(solid.project().to_polygons(), manifold3d.FillRule.Positive)
-    found: list[Polygon] = []
-    for piece in seen.decompose():
-        rings = sorted((np.asarray(ring) for ring in piece.to_polygons()), key=lambda ring: -abs(_signed_mm2(ring)))
-        found += _polygons(shapely.make_valid(Polygon(rings[0], rings[1:]))).geoms
-    return found
-
-
-def _signed_mm2(ring: Floats) -> float:
-    following = np.roll(ring, -1, axis=0)
-    return float(0.5 * (ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]).sum())
-
-
-def _polygons(shape: shapely.Geometry) -> MultiPolygon:
-    return MultiPolygon([piece for piece in shapely.get_parts(shape) if piece.geom_type == "Polygon"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,11 +13,14 @@ from planner.mesh.mesh import Mesh
 from planner.plan import Wall
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion, is_same, united
+from planner.slicing.slicer import slice_mesh
 from planner.slicing.walls import ruled_walls, wall_error
 from planner.toolpath.axis import STEEPEST_AXIS
 
 Kind = Literal["upright", "ruled", "stepped"]
 
+_STEP_SHARE = 0.5  # of the tolerance: height of the steps by which a stepped wall is milled
+_STEP_IN = 1e-3  # of a step: how far above its level it is looked at
 _WALL_SHARE = 0.25  # of the tolerance: how far a ruled wall may stand from the mesh between its ends
 
 
@@ -29,6 +32,7 @@ class Band:
     "stepped" walls that are neither: milled upright outside all of the band's sections
     region : all sections of the band together, mm   walls : of a ruled band
     continues : whether its bottom outline is the top outline of the band below
+    steps : of a stepped band, from the top: heights, mm, and what may not be cut from there up within the band
     """
 
     first: int
@@ -39,6 +43,7 @@ class Band:
     region: MultiPolygon
     walls: tuple[Wall, ...]
     continues: bool
+    steps: tuple[tuple[float, MultiPolygon], ...] = ()
 
 
 def make_bands(layers: list[LayerRegion], mesh: Mesh, settings: Settings) -> Iterator[Band]:
@@ -59,7 +64,7 @@ def make_bands(layers: list[LayerRegion], mesh: Mesh, settings: Settings) -> Ite
             if longer.kind != band.kind:
                 break
             band = longer
-        yield band
+        yield replace(band, steps=_steps(band, mesh, settings)) if band.kind == "stepped" else band
         start = band.last + 1
 
 
@@ -82,6 +87,21 @@ def _band(layers: list[LayerRegion], first: int, last: int, mesh: Mesh, settings
     return Band(
         first, last, members[0].z_bottom, members[-1].z_top, kind, region, walls if kind == "ruled" else (), continues
     )
+
+
+def _steps(band: Band, mesh: Mesh, settings: Settings) -> tuple[tuple[float, MultiPolygon], ...]:
+    """Levels between a band's bottom and top, so near to each other that steps between them keep the tolerance."""
+    height = band.z_top - band.z_bottom
+    count = max(1, int(np.ceil(height / (_STEP_SHARE * settings.recipe.tolerance_mm))))
+    levels = band.z_bottom + height * (np.arange(count) + 0.5 * _STEP_IN) / count
+    planes = np.zeros((count, 6))
+    planes[:, 2], planes[:, 5] = levels, 1.0
+    found: list[tuple[float, MultiPolygon]] = []
+    stands = MultiPolygon()
+    for number, section in reversed(list(enumerate(slice_mesh(mesh, planes)))):
+        stands = united([stands, section.to_shapely()])
+        found.append((band.z_bottom + height * number / count, stands))
+    return tuple(found)
 
 
 def _fits(walls: tuple[Wall, ...], members: list[LayerRegion], settings: Settings) -> bool:

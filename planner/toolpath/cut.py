@@ -32,6 +32,7 @@ from planner.toolpath.side import (
 BULGE = 0.04
 """Of the bead's width: how far melt may run out beyond a track's nominal edge."""
 OVERLAP_MM = 0.1  # by which a band reaches under its bottom where the same wall goes on there
+_SAME_MM = 1e-6  # levels nearer than this are one
 _CLEAR_MM = 0.02  # how far the cutter's end may reach into what stands: rounding of offsets
 _BESIDE_MM = 0.01  # the same on stretches that are chosen to lie beside it
 
@@ -142,9 +143,21 @@ def _upright_passes(
             return stretch_passes(band.region, free, z, excess_mm, small)
 
         rest, _ = lowered(beside_at, small)
+    passes += _stepped_passes(band, excess_mm, settings, stands)
     if not is_sunk:
         (passes if small is None else rest).extend(_under_passes(band, below, sunk, small or settings, stands))
     return passes, rest
+
+
+def _stepped_passes(band: Band, excess_mm: float, settings: Settings, stands: Stands | None) -> list[Pass]:
+    """Passes level by level from the top of a band whose walls the flank cannot follow: what is left are small steps."""
+    passes: list[Pass] = []
+    for z, region in band.steps:
+        if region.is_empty or z <= band.z_bottom + _SAME_MM:
+            continue
+        out = float(shapely.hausdorff_distance(band.region.boundary, region.boundary))
+        passes += passes_beside(region, z, excess_mm + out, settings, stands)
+    return passes
 
 
 def _sunk_mm(band: Band, run_down_mm: float) -> float:
@@ -280,7 +293,7 @@ def left_findings(left: list[Left], settings: Settings) -> list[str]:
     words = {
         "closed": f"holes or slots are narrower than the cutter (D {diameter:g} mm) and stay unmilled",
         "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
-        "cusps": "the flank cannot follow the wall: it is milled upright outside it and keeps its steps",
+        "cusps": "the flank cannot follow the wall: it is milled upright in small steps",
         "beside": "what stands beside the wall keeps the cutter away",
         "none": "the cutter reaches no wall: side milling left out",
     }
