@@ -93,21 +93,28 @@ def tangents_of(points: Floats, window_mm: float) -> Floats:
     return np.asarray(slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12))
 
 
-def squared(mesh: Mesh, points: Floats, radius_mm: float, rounds: int = ROUNDS) -> tuple[list[Cut | None], Floats]:
+def squared(
+    mesh: Mesh, points: Floats, radius_mm: float, most_mm2: Floats | None = None, rounds: int = ROUNDS
+) -> tuple[list[Cut | None], Floats]:
     """Cuts square on the axis near points on it (k, 3), and the unit directions (k, 3) of the axis there.
 
-    Each round cuts at the points, moves them to the centroids and turns the planes to the axis through them. A point whose
-    region is more than twice its neighbours' (the plane runs into another limb) waits for its neighbours' direction.
+    most_mm2 : (k,) float, areas above which a plane has run into another limb; None: twice the median
+    Each round cuts at the points, moves them to the centroids and turns the planes to the axis through them; where the area
+    is above the most the point stays and the cut is None in the end.
     """
     here = points.copy()
     cuts: list[Cut | None] = [None] * len(here)
+    most = most_mm2
     for _ in range(rounds):
         directions = tangents_of(here, _WINDOW * radius_mm)
         cuts = cuts_at(mesh, np.hstack([here, directions]))
-        areas = np.array([cut.area_mm2 if cut else np.nan for cut in cuts])
-        usual = np.nanmedian(areas) if np.isfinite(areas).any() else np.nan
+        if most_mm2 is None:
+            areas = [cut.area_mm2 for cut in cuts if cut is not None]
+            most = np.full(len(here), 2.0 * float(np.median(areas)) if areas else 0.0)
         for k, cut in enumerate(cuts):
-            if cut is not None and cut.area_mm2 <= 2.0 * usual:
+            if cut is not None and most is not None and cut.area_mm2 > most[k]:
+                cuts[k] = None
+            elif cut is not None:
                 here[k] = cut.centre
     return cuts, directions
 

@@ -13,8 +13,12 @@ from planner.decompose.occupancy import Links, Occupancy
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FRONT_CUBES = 1.8
-"""Thickness of a front in cubes: above √3, so that an oblique plane of cubes hangs together over their sides."""
+FRONT_CUBES = 2.0
+"""Thickness of a front in cubes: above √3, so that an oblique plane of cubes hangs together over their sides, and whole, so
+that fronts along the grid hold the same number of layers."""
+
+
+_OFF_LATTICE = 0.125  # of a front: layers of the grid fall between the levels, not on them
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,17 +26,22 @@ class Fronts:
     """Connected pieces of the level sets of one quantity (Reeb graph).
 
     part : (n,) int64   piece of each cube, -1 where left out   band : (p,) int64   level of each piece
-    centre : (p, 3) float, mm   area_mm2 : (p,) float, volume over thickness   width_mm : (p,) float, greatest extent of a disc
-    with the piece's greatest spread   edges : (m, 2) int64   pieces that touch, lower level first   step_mm : thickness
+    centre : (p, 3) float, mm   area_mm2 : (p,) float, volume over thickness   edges : (m, 2) int64   pieces that touch, lower
+    level first   step_mm : thickness   body : the cubes
     """
 
     part: Ints
     band: Ints
     centre: Floats
     area_mm2: Floats
-    width_mm: Floats
     edges: Ints
     step_mm: float
+    body: Occupancy
+
+    def width_mm(self, piece: int) -> float:
+        """Diameter of the disc that spreads as far as the piece does along its longest direction."""
+        away = self.body.centres[self.part == piece] - self.centre[piece]
+        return float(4.0 * np.sqrt(max(np.linalg.eigvalsh(away.T @ away / len(away))[-1], 0.0)))
 
     def neighbours(self) -> tuple[list[list[int]], list[list[int]]]:
         """Pieces one level below and above each piece, ascending."""
@@ -44,35 +53,28 @@ class Fronts:
         return below, above
 
 
-def fronts(body: Occupancy, quantity_mm: Floats, keep: NDArray[np.bool_] | None = None) -> Fronts:
+def fronts(
+    body: Occupancy, quantity_mm: Floats, keep: NDArray[np.bool_] | None = None, cubes: float = FRONT_CUBES
+) -> Fronts:
     """Fronts of a quantity that changes by one mm per mm at most.
 
     quantity_mm : (n,) float, one per cube   keep : (n,) bool, cubes that count; None: all
+    cubes : thickness of a front; 1 is enough for planes along the grid
     """
-    step = FRONT_CUBES * body.cube_mm
+    step = cubes * body.cube_mm
     kept = np.isfinite(quantity_mm) if keep is None else keep & np.isfinite(quantity_mm)
     lowest = float(quantity_mm[kept].min()) if kept.any() else 0.0
     level = np.full(len(quantity_mm), -1, dtype=np.int64)
-    level[kept] = np.floor((quantity_mm[kept] - lowest) / step).astype(np.int64)
-    part, count = _flood(level, body.links)
+    level[kept] = np.floor((quantity_mm[kept] - lowest) / step + _OFF_LATTICE).astype(np.int64)
+    part, count, pairs = _flood(level, body.links)
     inside = np.flatnonzero(part >= 0)
     number = part[inside]
     size = np.bincount(number, minlength=count).astype(np.float64)
     centre = np.column_stack([np.bincount(number, body.centres[inside, k], count) for k in range(3)]) / size[:, None]
-    away = body.centres[inside] - centre[number]
-    spread = np.empty((count, 3, 3))
-    for i in range(3):
-        for j in range(3):
-            spread[:, i, j] = np.bincount(number, away[:, i] * away[:, j], count) / size
-    width = 4.0 * np.sqrt(np.maximum(np.linalg.eigvalsh(spread)[:, -1], 0.0)) if count else np.empty(0)
     band = np.zeros(count, dtype=np.int64)
     band[number] = level[inside]
-    pairs = [np.column_stack([part, np.where(body.links[:, k] >= 0, part[body.links[:, k]], -1)]) for k in range(6)]
-    touching = np.concatenate(pairs)
-    touching = touching[(touching >= 0).all(axis=1)]
-    touching = touching[band[touching[:, 0]] < band[touching[:, 1]]]
-    edges = np.unique(touching, axis=0).reshape(-1, 2)
-    return Fronts(part, band, centre, size * body.cube_mm**3 / step, width, edges, step)
+    edges = np.unique(pairs, axis=0).reshape(-1, 2)
+    return Fronts(part, band, centre, size * body.cube_mm**3 / step, edges, step, body)
 
 
 def ways_inside(body: Occupancy, sources: NDArray[np.bool_]) -> Floats:
@@ -84,8 +86,11 @@ def ways_inside(body: Occupancy, sources: NDArray[np.bool_]) -> Floats:
 
 
 @njit(cache=True)
-def _flood(level: Ints, links: Links) -> tuple[Ints, int]:  # pragma: no cover
-    """Number of the connected piece of equal level of each cube, in the order of its first cube; -1 for level -1."""
+def _flood(level: Ints, links: Links) -> tuple[Ints, int, Ints]:  # pragma: no cover
+    """Number of the connected piece of equal level of each cube, in the order of its first cube; -1 for level -1.
+
+    Also how many pieces there are, and (m, 2) int64 pairs of pieces that touch, lower level first; some more than once.
+    """
     part = np.full(level.shape[0], -1, np.int64)
     stack = np.empty(level.shape[0], np.int64)
     count = 0
@@ -104,7 +109,18 @@ def _flood(level: Ints, links: Links) -> tuple[Ints, int]:  # pragma: no cover
                     stack[top] = other
                     top += 1
         count += 1
-    return part, count
+    latest = np.full(count, -1, np.int64)
+    pairs, found = np.empty((6 * level.shape[0], 2), np.int64), 0
+    for here in range(level.shape[0]):
+        for k in range(6):
+            other = links[here, k]
+            if part[here] < 0 or other < 0 or part[other] < 0 or level[here] >= level[other]:
+                continue
+            if latest[part[here]] != part[other]:
+                latest[part[here]] = part[other]
+                pairs[found, 0], pairs[found, 1] = part[here], part[other]
+                found += 1
+    return part, count, pairs[:found].copy()
 
 
 @njit(cache=True)
@@ -125,7 +141,7 @@ def _solved(links: Links, ways: Floats, cube: int) -> float:  # pragma: no cover
         inner = total * total - (k + 1) * (squares - 1.0)
         if inner >= 0.0:
             result = (total + np.sqrt(inner)) / (k + 1)
-    return result
+    return float(result)
 
 
 @njit(cache=True)

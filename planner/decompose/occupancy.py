@@ -36,6 +36,12 @@ class Occupancy:
     links: Links
     cube_mm: float
 
+    def only(self, inside: NDArray[np.bool_]) -> Occupancy:
+        """The cubes of a part of it.  inside : (n,) bool"""
+        number = np.where(inside, np.cumsum(inside) - 1, -1)
+        links = self.links[inside]
+        return Occupancy(self.centres[inside], np.where(links >= 0, number[links], -1).astype(np.int32), self.cube_mm)
+
 
 def occupancy(mesh: Mesh, direction: Floats, cubes: int = CUBES) -> Occupancy:
     """Cubes of a part, on a grid that stands along a unit direction; n is about `cubes`, more where walls are thin.
