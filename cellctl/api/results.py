@@ -35,13 +35,78 @@ class OperationOverview(BaseModel):
     length_mm: float
 
 
-class LayerOverview(BaseModel):
-    """One layer; heights in mm, build frame."""
+class LayerPlace(BaseModel):
+    """Where a layer lies, mm, build frame, and its areas. bottom, top: point and unit normal of its planes; z_bottom and
+    z_top are the heights of those points; tilt_deg: of the bottom plane from level; thickness_mm: least and greatest
+    (0: parallel planes); subcomponent: number in the plan's list"""
 
     index: int
     z_bottom: float
     z_top: float
+    bottom: list[float]
+    top: list[float]
+    tilt_deg: float
+    thickness_mm: list[float]
+    subcomponent: int
+    overlap_mm2: float
+    overhang_mm2: float
+
+
+class LayerOverview(LayerPlace):
+    """One layer with its operations."""
+
     operations: list[OperationOverview]
+
+
+class SubcomponentOverview(BaseModel):
+    """A piece built in one go. parent: number of the piece that it stands on, -1: the plate; layers: first and one past the
+    last; base: point, mm, and direction of growth, build frame; why: one line each"""
+
+    name: str
+    parent: int
+    setup: int
+    layers: list[int]
+    base: list[float]
+    end_direction: list[float]
+    axis_mm: list[list[float]]
+    thickness_mm: list[float]
+    volume_mm3: float
+    joint_mm2: float
+    overhang_mm2: float
+    unsupported_mm: float
+    support_mm3: float
+    why: list[str]
+
+
+class SetupOverview(BaseModel):
+    """Pieces built without turning the part in between. direction: which is up, build frame; turn: in words"""
+
+    direction: list[float]
+    turn: str
+    subcomponents: list[int]
+
+
+class CandidateOverview(BaseModel):
+    """A way to build the part that was weighed; smaller scores are better; buildable: share of the volume, 0 to 1"""
+
+    name: str
+    subcomponents: int
+    setups: int
+    overhang_mm2: float | None
+    joint_mm2: float | None
+    time_s: float | None
+    score: float | None
+    buildable: float | None
+    chosen: bool
+    note: str
+
+
+class SkeletonOverview(BaseModel):
+    """The part's centroidal axis as a graph, mm, build frame."""
+
+    nodes_mm: list[list[float]]
+    radii_mm: list[float]
+    edges: list[list[int]]
 
 
 class PlanOverview(BaseModel):
@@ -56,6 +121,10 @@ class PlanOverview(BaseModel):
     tolerance_mm: float
     findings: list[str]
     volumes: dict[str, float]
+    subcomponents: list[SubcomponentOverview]
+    setups: list[SetupOverview]
+    candidates: list[CandidateOverview]
+    skeleton: SkeletonOverview | None
 
 
 class PassView(BaseModel):
@@ -76,12 +145,10 @@ class OperationView(BaseModel):
     passes: list[PassView]
 
 
-class LayerView(BaseModel):
-    """One layer with all its passes."""
+class LayerView(LayerPlace):
+    """One layer with all its passes. overhang: closed outlines of what rests on nothing, x0, y0, z0, x1, ... mm, build frame"""
 
-    index: int
-    z_bottom: float
-    z_top: float
+    overhang: list[list[float]]
     operations: list[OperationView]
 
 

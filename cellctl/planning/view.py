@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,9 +22,30 @@ def layer_file(index: int) -> str:
     return f"layer_{index:05d}.json"
 
 
-def _heights(layer: Layer) -> dict[str, Any]:
-    """z of the bounding planes at the layer's middle, mm, build frame."""
-    return {"index": layer.index, "z_bottom": round(float(layer.bottom[2]), 4), "z_top": round(float(layer.top[2]), 4)}
+def _place(layer: Layer) -> dict[str, Any]:
+    """Where a layer lies and what of it rests on nothing; mm, mm², deg, build frame.
+
+    bottom, top : point and unit normal of the bounding planes; z_bottom, z_top, the heights of those points, say where a
+    layer is only if its tilt_deg (of the bottom plane from level) is 0
+    """
+    tilt = math.degrees(math.acos(min(max(float(layer.bottom[5]), -1.0), 1.0)))
+    return {
+        "index": layer.index,
+        "z_bottom": round(float(layer.bottom[2]), 4),
+        "z_top": round(float(layer.top[2]), 4),
+        "bottom": _rounded(layer.bottom),
+        "top": _rounded(layer.top),
+        "tilt_deg": round(tilt, 3),
+        "thickness_mm": [round(float(value), 4) for value in layer.thickness_mm],
+        "subcomponent": layer.subcomponent,
+        "overlap_mm2": round(float(layer.overlap_mm2), 3),
+        "overhang_mm2": round(float(layer.overhang_mm2), 3),
+    }
+
+
+def _rounded(values: Any, decimals: int = 6) -> list[float]:
+    found: list[float] = (np.round(np.asarray(values, dtype=np.float64), decimals) + 0.0).ravel().tolist()
+    return found
 
 
 def _length_mm(operation: Operation) -> float:
@@ -31,10 +53,12 @@ def _length_mm(operation: Operation) -> float:
 
 
 def overview(plan: Plan) -> dict[str, Any]:
-    """The part and its layers with their operations; lengths in mm without links."""
+    """The part, how it is divided, and its layers with their operations; lengths in mm without links."""
+    from planner.show.division import division_figures
+
     layers = [
         {
-            **_heights(layer),
+            **_place(layer),
             "operations": [
                 {
                     "index": index,
@@ -57,22 +81,23 @@ def overview(plan: Plan) -> dict[str, Any]:
         "tolerance_mm": plan.tolerance_mm,
         "findings": list(plan.findings),
         "volumes": dict(plan.volumes_mm3),
+        **division_figures(plan),
     }
 
 
 def _pass(pass_: Pass) -> dict[str, Any]:
-    points = np.round(pass_.tip.evaluate(pass_.tip.sample(CHORD_TOLERANCE_MM))[:, :3], DECIMALS) + 0.0
+    points = pass_.tip.evaluate(pass_.tip.sample(CHORD_TOLERANCE_MM))[:, :3]
     rows = np.atleast_2d(pass_.setpoints)
     return {
         "link": bool(pass_.is_link),
         "laser_w": round(float(rows[:, 2].max()), 1) if rows.size else 0.0,
         "feed_mm_s": round(float(rows[:, 1].max()), 3) if rows.size else 0.0,
-        "points": points.ravel().tolist(),
+        "points": _rounded(points, DECIMALS),
     }
 
 
 def layer_view(layer: Layer) -> dict[str, Any]:
-    """A layer's passes as polylines: x0, y0, z0, x1, ... in mm, build frame."""
+    """A layer's passes, and closed outlines of what rests on nothing, as polylines: x0, y0, z0, x1, ... in mm, build frame."""
     operations = [
         {
             "index": index,
@@ -82,7 +107,8 @@ def layer_view(layer: Layer) -> dict[str, Any]:
         }
         for index, operation in enumerate(layer.operations)
     ]
-    return {**_heights(layer), "operations": operations}
+    overhang = [_rounded(np.vstack([outline, outline[:1]]), DECIMALS) for outline in layer.overhang]
+    return {**_place(layer), "overhang": overhang, "operations": operations}
 
 
 def write_layer(layer: Layer, number: int, folder: Path) -> None:
