@@ -204,14 +204,60 @@ export interface PlanOperation {
   length_mm: number;
 }
 
-export interface PlanLayer {
+/** Where a layer lies, mm, build frame. Heights say it only where tilt_deg is 0; bottom, top: point and normal of its planes. */
+export interface LayerPlace {
   index: number;
   z_bottom: number;
   z_top: number;
+  bottom: number[];
+  top: number[];
+  tilt_deg: number;
+  thickness_mm: number[];
+  subcomponent: number;
+  overlap_mm2: number;
+  overhang_mm2: number;
+}
+
+export interface PlanLayer extends LayerPlace {
   operations: PlanOperation[];
 }
 
+export interface Subcomponent {
+  name: string;
+  parent: number; // number of the piece that it stands on, -1: the plate
+  setup: number;
+  layers: [number, number]; // first, and one past the last
+  thickness_mm: number[];
+  volume_mm3: number;
+  joint_mm2: number;
+  overhang_mm2: number;
+  unsupported_mm: number;
+  support_mm3: number;
+  why: string[];
+}
+
+export interface Setup {
+  direction: number[];
+  turn: string;
+  subcomponents: number[];
+}
+
+export interface Candidate {
+  name: string;
+  subcomponents: number;
+  setups: number;
+  overhang_mm2: number | null;
+  time_s: number | null;
+  score: number | null;
+  buildable: number | null;
+  chosen: boolean;
+  note: string;
+}
+
 export interface Plan {
+  subcomponents: Subcomponent[];
+  setups: Setup[];
+  candidates: Candidate[];
   part: string;
   layers: PlanLayer[];
   bounds: number[][];
@@ -228,10 +274,8 @@ export interface PassView {
   points: number[];
 }
 
-export interface LayerView {
-  index: number;
-  z_bottom: number;
-  z_top: number;
+export interface LayerView extends LayerPlace {
+  overhang: number[][]; // closed outlines of what rests on nothing
   operations: { index: number; process: string; note: string; passes: PassView[] }[];
 }
 

@@ -10,6 +10,7 @@ import { words } from "../words/en";
 import { duration, fixed, whole } from "../words/format";
 import { Approve } from "./Approve";
 import { JobState } from "./JobState";
+import { Pieces } from "./Pieces";
 import { Proof } from "./Proof";
 
 const say = words.jobs;
@@ -35,6 +36,7 @@ export function JobDetail({ job }: { job: Job }) {
       <Approve job={job} />
       <Facts job={job} />
       <PartFacts id={job.part_id} />
+      {plan.value?.job === job.id && <Pieces plan={plan.value.plan} />}
       {job.proof_sha256 && <Proof job={job} key={job.proof_sha256} />}
       <Actions job={job} />
     </article>

@@ -1,6 +1,7 @@
 // The 3-D view with its layer slider.
 import { computed, effect, signal, untracked } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import type { PlanLayer } from "../api/types";
 import { isStale, snapshot } from "../state/cell";
 import { shown } from "../state/jobs";
 import { facts, operations, plan } from "../state/plan";
@@ -90,7 +91,7 @@ function Overlay() {
         <strong class="view-name">{job?.name ?? ""}</strong>
         <div class="view-tools" role="group">
           {(["fit", "top", "side"] as ViewName[]).map((name) => (
-            <button type="button" class="small" key={name} onClick={() => active?.look(name)}>
+            <button type="button" class="small" key={name} onClick={() => active?.look(name, plan.value?.plan.layers[layer.value]?.bottom?.slice(3))}>
               {say[name as "fit" | "top" | "side"]}
             </button>
           ))}
@@ -126,6 +127,15 @@ function Legend() {
   );
 }
 
+/** Height of a level layer; tilt and thickness of another one; the piece where there are several. */
+function placeOf(facts: PlanLayer): string {
+  const pieces = plan.value?.plan.subcomponents ?? [];
+  const name = pieces.length > 1 ? pieces[facts.subcomponent]?.name : undefined;
+  const [least = 0, greatest = 0] = facts.thickness_mm ?? [];
+  const where = facts.tilt_deg > 0 ? say.tilted(facts.tilt_deg, least, greatest) : say.height(facts.z_top);
+  return [where, name && say.piece(name), facts.overhang_mm2 > 0 && say.overhang(facts.overhang_mm2)].filter(Boolean).join(" · ");
+}
+
 function LayerBar() {
   if (count.value === 0) return null;
   const facts = plan.value?.plan.layers[layer.value];
@@ -138,7 +148,7 @@ function LayerBar() {
     <div class="layer-bar">
       <label for="layer">{say.layer}</label>
       <input id="layer" type="range" min={0} max={count.value - 1} step={1} value={layer.value} onInput={move} />
-      <output for="layer">{say.layerOf(layer.value + 1, count.value, facts?.z_top ?? 0)}</output>
+      <output for="layer">{say.layerOf(layer.value + 1, count.value, facts ? placeOf(facts) : "")}</output>
       <button
         type="button"
         class="small"

@@ -4,6 +4,7 @@ import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import type { Vector } from "../api/types";
+import { colour } from "../state/theme";
 import { executedSegments, type Segments } from "./segments";
 
 const DONE_PX = 2.6; // width of what is executed
@@ -11,6 +12,7 @@ const DONE_PX = 2.6; // width of what is executed
 export class LayerLines {
   readonly group = new Group();
   private readonly all: LineSegments<BufferGeometry, LineBasicMaterial>;
+  private readonly hanging: LineSegments<BufferGeometry, LineBasicMaterial>;
   private done: LineSegments2 | null = null; // made when the first segment is executed
   private isBelow = false;
   private executed = 0;
@@ -21,7 +23,11 @@ export class LayerLines {
     geometry.setAttribute("color", new BufferAttribute(segments.colours, 3));
     this.all = new LineSegments(geometry, new LineBasicMaterial({ vertexColors: true, depthWrite: false }));
     this.all.frustumCulled = false;
-    this.group.add(this.all);
+    const outlines = new BufferGeometry();
+    outlines.setAttribute("position", new BufferAttribute(segments.overhang, 3));
+    this.hanging = new LineSegments(outlines, new LineBasicMaterial({ color: colour("path-overhang"), depthWrite: false }));
+    this.hanging.frustumCulled = false;
+    this.group.add(this.all, this.hanging);
   }
 
   get count(): number {
@@ -33,6 +39,7 @@ export class LayerLines {
     this.all.material.opacity = { plain: 1, below: 0.16, waiting: 0.36 }[look];
     this.all.material.transparent = look !== "plain";
     this.isBelow = look === "below";
+    this.hanging.visible = !this.isBelow && this.segments.overhang.length > 0;
     if (this.done) this.done.visible = !this.isBelow && this.executed > 0;
   }
 
@@ -73,6 +80,8 @@ export class LayerLines {
   dispose(): void {
     this.all.geometry.dispose();
     this.all.material.dispose();
+    this.hanging.geometry.dispose();
+    this.hanging.material.dispose();
     this.done?.geometry.dispose();
     this.done?.material.dispose();
     this.group.removeFromParent();

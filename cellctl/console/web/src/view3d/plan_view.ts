@@ -44,8 +44,8 @@ export class PlanView {
     this.ghost.show(is);
   }
 
-  look(name: ViewName): void {
-    this.stage.look(name);
+  look(name: ViewName, along?: number[]): void {
+    this.stage.look(name, along);
   }
 
   paint(): void {

@@ -18,6 +18,7 @@ export interface Segments {
   ends: Float32Array; // (count, 6): both ends, mm, build frame
   colours: Float32Array; // (count, 6): the colour at both ends
   starts: number[]; // first segment of each operation, and the count at the end
+  overhang: Float32Array; // both ends of each piece of an outline of what rests on nothing, mm
 }
 
 /** Colours of the processes and of links as the style sheet has them now. */
@@ -52,7 +53,14 @@ export function segmentsOf(layer: LayerView): Segments {
     }
   }
   starts.push(count);
-  return { count, ends, colours, starts };
+  return { count, ends, colours, starts, overhang: pieces(layer.overhang ?? []) };
+}
+
+/** Polylines as the ends of their pieces. */
+function pieces(lines: number[][]): Float32Array {
+  const ends: number[] = [];
+  for (const line of lines) for (let k = 0; k + 5 < line.length; k += 3) ends.push(...line.slice(k, k + 6));
+  return new Float32Array(ends);
 }
 
 function squaredDistance(ends: Float32Array, segment: number, [x, y, z]: Vector): number {

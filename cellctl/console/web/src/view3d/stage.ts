@@ -48,12 +48,15 @@ export class Stage {
     this.look("fit");
   }
 
-  look(name: ViewName): void {
+  /** along: for "top", the direction to look against instead of z. */
+  look(name: ViewName, along?: number[]): void {
+    const direction = DIRECTIONS[name].clone();
+    if (name === "top" && along) direction.add(new Vector3(along[0], along[1], (along[2] ?? 1) - 1));
     const sphere = this.bounds.getBoundingSphere(new Sphere());
     const radius = Math.max(sphere.radius, 5) * MARGIN;
     const half = (this.camera.fov * Math.PI) / 360;
     const distance = radius / Math.sin(Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect)));
-    this.camera.position.copy(sphere.center).addScaledVector(DIRECTIONS[name].clone().normalize(), distance);
+    this.camera.position.copy(sphere.center).addScaledVector(direction.normalize(), distance);
     this.camera.near = distance / 100;
     this.camera.far = distance * 20;
     this.camera.updateProjectionMatrix();
