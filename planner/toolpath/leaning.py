@@ -198,6 +198,6 @@ def _across(points: Floats, outward: Floats, middle: MultiPolygon) -> Floats:
         for piece in shapely.get_parts(shape):
             ends = shapely.get_coordinates(piece)
             far = np.linalg.norm(ends - rays[k, 0], axis=1)
-            if far.min() < 0.05:
+            if len(far) and far.min() < 0.05:
                 ways[k] = float(far.max())
     return ways

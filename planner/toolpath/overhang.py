@@ -16,7 +16,7 @@ from planner.toolpath.contour import closed_bead, open_bead
 from planner.toolpath.fitting import Stretch, fitted_bead
 from planner.toolpath.leaning import Heights, Run, leaning_runs
 from planner.toolpath.ledge import ledge_passes
-from planner.toolpath.tilt import TURN_DEG_S, axes_of, smoothed, tilted_motion, turn_deg_mm
+from planner.toolpath.tilt import TURN_DEG_S, across_axis, axes_of, smoothed, tilted_motion, turn_deg_mm
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +27,11 @@ _CHANGE = 0.05  # of its metal or width: a larger change begins another stretch
 _BEYOND_MM = 5.0  # outside a leaning wall: how far what its beads stand for is cut from the layer
 _SLIVER = 0.15  # of the bead's width: what is left narrower than twice that beside tilted beads is theirs
 _LEAST_POINTS = 4
+_ROUND_END = 0.35  # of the bead's width: so far from an end of a wall its beads end, whose tips are round
+_FAR_OVER_DEG = 45.0
+_SETTLES = 0.12
+"""Of the bead's width: so much farther out than its focus a bead comes to lie that is laid with the head far over; its pool
+wets the side that hangs. Measured on walls in the twin (tests/unit/sim/test_proof_of_overhang.py); to be set for the own head."""
 
 
 @dataclass(frozen=True)
@@ -105,13 +110,14 @@ def _stack(run: Run, widths: Floats, layer: LayerRegion, bead: Bead, settings: S
     axes = axes_of(outward, smoothed(run.tilt_deg[:, None], run.spacing_mm, run.closed)[:, 0])
     lean = np.tan(np.radians(run.lean_deg))
     step = run.height_mm / count
+    inward = (_SETTLES * widths * (run.tilt_deg > _FAR_OVER_DEG))[:, None] * across_axis(outward, run.tilt_deg)
     areas = widths * along / count
     passes = []
     for number in range(count):
         up = (number + 0.5) * step
         out = (up - 0.5 * run.height_mm) * lean - 0.5 * widths * run.share
         middles = np.column_stack([run.points + out[:, None] * run.outward, layer.z_bottom + up])
-        tips = middles - (0.5 * run.share * step)[:, None] * axes
+        tips = middles - (0.5 * run.share * step)[:, None] * axes + inward
         made = _pass(tips, axes, widths, areas, run, bead, settings)
         if made is not None:
             passes.append(made)
@@ -142,7 +148,7 @@ def _half_beads(run: Run, widths: Floats, tips: Floats) -> NDArray[np.int64]:
     rows = np.arange(len(tips))
     if run.closed:
         return rows
-    cut = int(0.5 * float(np.median(widths)) / run.spacing_mm)
+    cut = int(_ROUND_END * float(np.median(widths)) / run.spacing_mm)
     return rows[cut : len(rows) - cut] if len(rows) > 2 * cut + _LEAST_POINTS else rows
 
 

@@ -52,6 +52,12 @@ def axes_of(outward: Floats, tilt: Floats) -> Floats:
     return np.hstack([np.sin(angle) * outward, np.cos(angle)])
 
 
+def across_axis(outward: Floats, tilt: Floats) -> Floats:
+    """(n, 3) float, unit   Across the axes of `axes_of`, back over the wall: inward and up."""
+    angle = np.radians(tilt)[:, None]
+    return np.hstack([-np.cos(angle) * outward, np.sin(angle)])
+
+
 def smoothed(values: Floats, spacing_mm: float, closed: bool, reach_mm: float = _SMOOTH_MM) -> Floats:
     """Running mean of rows that lie evenly along a path; ends of open paths stay.  values : (n, d) float."""
     half = min(round(reach_mm / spacing_mm), (len(values) - 1) // 2)
