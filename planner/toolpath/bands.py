@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from planner.mesh.mesh import Mesh
@@ -17,9 +19,12 @@ from planner.slicing.slicer import slice_mesh
 from planner.slicing.walls import ruled_walls, wall_error
 from planner.toolpath.axis import STEEPEST_AXIS
 
+Floats = NDArray[np.float64]
 Kind = Literal["upright", "ruled", "stepped"]
 
 _STEP_SHARE = 0.5  # of the tolerance: height of the steps by which a stepped wall is milled
+_RUN_DOWN = 2.0  # layers: how far below its surface a track may wet a wall that goes out there
+_WIDER_MM2 = 0.05  # of a section beyond what stands above it: less is rounding
 _STEP_IN = 1e-3  # of a step: how far above its level it is looked at
 _WALL_SHARE = 0.25  # of the tolerance: how far a ruled wall may stand from the mesh between its ends
 
@@ -32,7 +37,8 @@ class Band:
     "stepped" walls that are neither: milled upright outside all of the band's sections
     region : all sections of the band together, mm   walls : of a ruled band
     continues : whether its bottom outline is the top outline of the band below
-    steps : of a stepped band, from the top: heights, mm, and what may not be cut from there up within the band
+    steps : heights, mm, from the top, and what must not be cut from there up: of a stepped band its own, and of every band
+    whose wall goes out below, those under it as far as metal runs down there
     """
 
     first: int
@@ -64,7 +70,7 @@ def make_bands(layers: list[LayerRegion], mesh: Mesh, settings: Settings) -> Ite
             if longer.kind != band.kind:
                 break
             band = longer
-        yield replace(band, steps=_steps(band, mesh, settings)) if band.kind == "stepped" else band
+        yield _with_steps(band, mesh, settings, layers[0].z_bottom)
         start = band.last + 1
 
 
@@ -89,19 +95,36 @@ def _band(layers: list[LayerRegion], first: int, last: int, mesh: Mesh, settings
     )
 
 
-def _steps(band: Band, mesh: Mesh, settings: Settings) -> tuple[tuple[float, MultiPolygon], ...]:
-    """Levels between a band's bottom and top, so near to each other that steps between them keep the tolerance."""
-    height = band.z_top - band.z_bottom
-    count = max(1, int(np.ceil(height / (_STEP_SHARE * settings.recipe.tolerance_mm))))
-    levels = band.z_bottom + height * (np.arange(count) + 0.5 * _STEP_IN) / count
-    planes = np.zeros((count, 6))
-    planes[:, 2], planes[:, 5] = levels, 1.0
+def _with_steps(band: Band, mesh: Mesh, settings: Settings, floor_z: float) -> Band:
+    """The band with the levels by which it and the wall under it are milled where no flank follows.
+
+    floor_z : lowest level of the piece.
+    """
+    if band.kind == "upright":
+        return band
+    step = _STEP_SHARE * settings.recipe.tolerance_mm
+    within = band.kind == "stepped"
+    count = max(1, int(np.ceil((band.z_top - band.z_bottom) / step))) if within else 0
+    under = min(_RUN_DOWN * settings.layer_max_mm, band.z_bottom - floor_z) if band.first else 0.0
+    levels = [band.z_bottom + (band.z_top - band.z_bottom) * k / count for k in range(count)][::-1]
+    lower = [band.z_bottom - step * (k + 1) for k in range(int(under / step + 1e-9))]
     found: list[tuple[float, MultiPolygon]] = []
-    stands = MultiPolygon()
-    for number, section in reversed(list(enumerate(slice_mesh(mesh, planes)))):
-        stands = united([stands, section.to_shapely()])
-        found.append((band.z_bottom + height * number / count, stands))
-    return tuple(found)
+    stands = MultiPolygon() if within else band.region
+    for z, section in zip([*levels, *lower], _sections(mesh, np.array([*levels, *lower]), step), strict=True):
+        is_wider = z >= band.z_bottom - 1e-9 or shapely.difference(section, stands).area > _WIDER_MM2
+        stands = united([stands, section])
+        if is_wider:
+            found.append((z, stands))
+    return replace(band, steps=tuple(found))
+
+
+def _sections(mesh: Mesh, levels: Floats, step_mm: float) -> list[MultiPolygon]:
+    """What stands just above some levels, mm."""
+    if not len(levels):
+        return []
+    planes = np.zeros((len(levels), 6))
+    planes[:, 2], planes[:, 5] = levels + _STEP_IN * step_mm, 1.0
+    return [section.to_shapely() for section in slice_mesh(mesh, planes)]
 
 
 def _fits(walls: tuple[Wall, ...], members: list[LayerRegion], settings: Settings) -> bool:

@@ -33,6 +33,7 @@ BULGE = 0.04
 """Of the bead's width: how far melt may run out beyond a track's nominal edge."""
 OVERLAP_MM = 0.1  # by which a band reaches under its bottom where the same wall goes on there
 _SAME_MM = 1e-6  # levels nearer than this are one
+_CRUMB_MM2 = 0.5  # of a top: smaller places are rims of beads
 _CLEAR_MM = 0.02  # how far the cutter's end may reach into what stands: rounding of offsets
 _BESIDE_MM = 0.01  # the same on stretches that are chosen to lie beside it
 
@@ -60,6 +61,40 @@ def face_operation(
     return _milled(Process.MILL_FACE, layer.index, passes, settings, note) if passes else None
 
 
+def faced(
+    metal: MultiPolygon,
+    layer: LayerRegion,
+    above_mm: float,
+    settings: Settings,
+    stands: Stands | None,
+    left: list[Left],
+) -> list[Operation]:
+    """Facing of a layer's top; what stands keeps the cutter from is left to the small one, what it does not reach is told.
+
+    left : gets what neither reaches.
+    """
+    first = face_operation(metal, layer, above_mm, settings, stands=stands)
+    if stands is None or stands(layer.z_top, settings).is_empty:
+        return [] if first is None else [first]
+    done = [] if first is None else [first]
+    rest = _unfaced(metal, first, settings)
+    small = settings.with_small_cutter()
+    if small is not None and rest.area > _CRUMB_MM2:
+        second = face_operation(rest, layer, above_mm, small, "rest", stands=stands)
+        done += [] if second is None else [second]
+        rest = _unfaced(rest, second, small)
+    if rest.area > _CRUMB_MM2:
+        left.append(Left("unfaced", layer.z_bottom, layer.z_top, places(rest), 0, float(rest.area)))
+    return done
+
+
+def _unfaced(metal: MultiPolygon, operation: Operation | None, settings: Settings) -> MultiPolygon:
+    """What of a region the cutter's end does not cover."""
+    if operation is None:
+        return metal
+    return polygons(shapely.difference(metal, swept_by(list(operation.passes), settings.cutter_radius_mm)))
+
+
 def side_operations(
     band: Band,
     below: Sequence[LayerRegion],
@@ -76,7 +111,7 @@ def side_operations(
     """
     small = settings.with_small_cutter()
     note: str = band.kind
-    passes = _ruled_passes(band, below, excess_mm, run_down_mm, settings) if band.kind == "ruled" else []
+    passes = _ruled_passes(band, below, excess_mm, run_down_mm, settings, stands) if band.kind == "ruled" else []
     if stands is not None and _meets(passes, band, stands, settings):
         passes = []
     rest: list[Pass] = []
@@ -150,12 +185,12 @@ def _upright_passes(
 
 
 def _stepped_passes(band: Band, excess_mm: float, settings: Settings, stands: Stands | None) -> list[Pass]:
-    """Passes level by level from the top of a band whose walls the flank cannot follow: what is left are small steps."""
+    """Passes level by level, downwards, where the flank cannot follow a wall, or not deep enough: what is left are small steps."""
     passes: list[Pass] = []
     for z, region in band.steps:
-        if region.is_empty or z <= band.z_bottom + _SAME_MM:
+        if region.is_empty or abs(z - band.z_bottom) <= _SAME_MM:
             continue
-        out = float(shapely.hausdorff_distance(band.region.boundary, region.boundary))
+        out = float(shapely.hausdorff_distance(band.region.boundary, region.boundary)) if z > band.z_bottom else 0.0
         passes += passes_beside(region, z, excess_mm + out, settings, stands)
     return passes
 
@@ -217,30 +252,37 @@ def _may_reach_under(
 
 
 def _ruled_passes(
-    band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
+    band: Band,
+    below: Sequence[LayerRegion],
+    excess_mm: float,
+    run_down_mm: float,
+    settings: Settings,
+    stands: Stands | None = None,
 ) -> list[Pass]:
     """Passes round all walls of a ruled band, wall by wall; none if the flank cannot follow one of them.
 
     The end of a leaning cutter rises away from the wall and leaves a wedge at the foot of what stands outside. Where the
     same wall goes on below, the cutter reaches under the wedge, and as far as metal may have run down on it; else an
-    upright pass clears it.
+    upright pass clears it, and where the wall goes out below, passes in small steps.
     """
-    passes = []
+    passes: list[Pass] = []
+    is_deep = True
     for wall in band.walls:
-        motions = _wall_motions(wall, band, below, excess_mm, run_down_mm, settings)
+        motions, reaches = _wall_motions(wall, band, below, excess_mm, run_down_mm, settings)
         if not motions:
             return []
+        is_deep = is_deep and reaches
         keep_out = outset(band.region, settings.cutter_radius_mm - 0.5)
         passes += [side_pass(begun_on_flat(motion), keep_out, excess_mm, settings) for motion in motions]
     if band.first == 0 or not band.continues:
         passes = [*upright_passes(band.region, band.z_bottom, excess_mm, settings), *passes]
-    return passes
+    return passes if is_deep else [*passes, *_stepped_passes(band, excess_mm, settings, stands)]
 
 
 def _wall_motions(
     wall: Wall, band: Band, below: Sequence[LayerRegion], excess_mm: float, run_down_mm: float, settings: Settings
-) -> list[Motion]:
-    """The motions along one wall, as deep under its bottom as they may go."""
+) -> tuple[list[Motion], bool]:
+    """The motions along one wall, as deep under its bottom as they may go, and whether that is where metal runs down to."""
     others = [other for other in band.walls if other is not wall]
     wedge = OVERLAP_MM + excess_mm * steepest_lean(wall)
     if below and band.continues:
@@ -248,17 +290,19 @@ def _wall_motions(
         if leans_inward(wall) and goes_on_below(wall, deep, below):
             motions = ruled_motions(wall, excess_mm, deep, 0.0, settings, others)
             if motions and ends_clear(motions, deep, below, settings.cutter_radius_mm):
-                return motions
+                return motions, True
         if goes_on_below(wall, wedge, below):
-            return ruled_motions(wall, excess_mm, wedge, None, settings, others)
-    return ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings, others)
+            return ruled_motions(wall, excess_mm, wedge, None, settings, others), not leans_inward(wall)
+    flat = ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings, others)
+    return flat, band.first == 0 or not leans_inward(wall)
 
 
 @dataclass(frozen=True)
 class Left:
     """What side milling leaves in one band.
 
-    kind : "closed", "corners", "beside", "cusps" or "none"   volume_mm3 : of the metal; of "beside" the wall's area, mm².
+    kind : "closed", "corners", "beside", "unfaced", "cusps" or "none"
+    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm².
     """
 
     kind: str
@@ -295,6 +339,7 @@ def left_findings(left: list[Left], settings: Settings) -> list[str]:
         "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
         "cusps": "the flank cannot follow the wall: it is milled upright in small steps",
         "beside": "what stands beside the wall keeps the cutter away",
+        "unfaced": "what stands beside keeps the facing cutter away",
         "none": "the cutter reaches no wall: side milling left out",
     }
     return [_left_line(run, words[kind]) for kind, found in runs.items() for run in found]
@@ -303,6 +348,8 @@ def left_findings(left: list[Left], settings: Settings) -> list[str]:
 def _left_line(run: list[Left], words: str) -> str:
     height = f"z {run[0].z_bottom:.2f}-{run[-1].z_top:.2f} mm"
     most = max(item.count for item in run)
+    if run[0].kind == "unfaced":
+        return f"{height}: {words}: {max(item.volume_mm3 for item in run):.1f} mm² of a top stay as deposited, at {run[-1].place} mm"
     if run[0].kind == "beside":
         return f"{height}: {words}: {sum(item.volume_mm3 for item in run):.0f} mm² of it stay as deposited"
     if not most:

@@ -15,7 +15,7 @@ from planner.slicing.regions import LayerRegion, is_same
 from planner.toolpath.bands import Band
 from planner.toolpath.beside import Stands
 from planner.toolpath.bore import Boring, bore_operation
-from planner.toolpath.cut import BULGE, Left, face_operation, left_findings, side_operations
+from planner.toolpath.cut import BULGE, Left, faced, left_findings, side_operations
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
 from planner.toolpath.fill import infill_region
 from planner.toolpath.links import Pose, linked, taken_up
@@ -83,9 +83,8 @@ class Sequence:
         return float(wider - usual)
 
     def face(self, layer: LayerRegion, metal: MultiPolygon) -> None:
-        """The facing of a layer's top."""
-        operation = face_operation(metal, layer, self.above_mm, self.settings, stands=self.stands)
-        if operation is not None:
+        """The facing of a layer's top, with the small cutter where what stands beside keeps the other away."""
+        for operation in faced(metal, layer, self.above_mm, self.settings, self.stands, self.left):
             self.add(operation, layer.index)
         self.metal_top, self.above_mm, self.unfaced = layer.z_top, 0.0, 0
 
