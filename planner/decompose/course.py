@@ -117,7 +117,7 @@ def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | None:
     area = cuts_at(mesh, np.concatenate([points[-1], tail])[None, :])[0]
     face = end_face(mesh, points[-1], tail, radius, area.area_mm2 if area else first.area_mm2)
     start = first.centre - base[3:] * ((first.centre - base[:3]) @ base[3:])
-    points = np.vstack([start, points, run_out(mesh, points[-1], tail, face)])
+    points = np.vstack([start, points, run_out(mesh, points[-1], tail, face, radius)])
     return _even(mesh, points, radius, face)
 
 
@@ -156,7 +156,7 @@ def _upright(mesh: Mesh, base: Floats, first: Cut) -> Course:
     """A piece too short for square cuts: its axis goes straight to the farthest it reaches along the base's normal."""
     start = first.centre - base[3:] * ((first.centre - base[:3]) @ base[3:])
     face = end_face(mesh, start, base[3:], first.radius_mm, first.area_mm2)
-    return _even(mesh, np.vstack([start, run_out(mesh, start, base[3:], face)]), first.radius_mm, face)
+    return _even(mesh, np.vstack([start, run_out(mesh, start, base[3:], face, first.radius_mm)]), first.radius_mm, face)
 
 
 def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, area_mm2: float) -> Floats | None:
@@ -173,7 +173,7 @@ def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, are
         return None
     rows = np.flatnonzero(near)
     areas = mesh.areas[rows]
-    seeds = rows[np.argsort(-areas, kind="stable")[:12]]
+    seeds = rows[np.concatenate([np.argsort(-areas, kind="stable")[:12], np.argsort(-ahead[rows], kind="stable")[:4]])]
     best, most = None, 0.0
     for seed in seeds.tolist():
         normal, place = mesh.normals[seed], mesh.centroids[seed]
@@ -192,7 +192,7 @@ def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, are
     return best if best is not None and most > _FACE_SHARE * area_mm2 else None
 
 
-def run_out(mesh: Mesh, point: Floats, direction: Floats, face: Floats | None) -> Floats:
+def run_out(mesh: Mesh, point: Floats, direction: Floats, face: Floats | None, radius_mm: float) -> Floats:
     """Where the axis, carried on straight, meets the end face or the farthest that the piece reaches near it."""
     if face is not None:
         slope = float(direction @ face[3:])
@@ -200,7 +200,7 @@ def run_out(mesh: Mesh, point: Floats, direction: Floats, face: Floats | None) -
     away = mesh.vertices - point
     ahead = away @ direction
     aside = np.linalg.norm(away - ahead[:, None] * direction, axis=1)
-    cone = (ahead > 0.0) & (aside < 2.0 * ahead + 1e-9)
+    cone = (ahead > 0.0) & (aside < 2.0 * ahead + 1.5 * radius_mm)
     return np.asarray(point + direction * (float(ahead[cone].max()) if cone.any() else 0.0))
 
 

@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.decompose.centroidal import lengths_along
-from planner.decompose.fronts import Fronts, fronts, ways_inside
-from planner.decompose.limbs import Limb, limbs
-from planner.decompose.occupancy import Occupancy, occupancy
-from planner.decompose.tracing import Trace, traced
+from planner.decompose.cores import Anatomy, Stretch, meeting, root_line
+from planner.decompose.tracing import Trace
 from planner.mesh.mesh import Mesh
 from planner.plan import Skeleton
-from planner.slicing.section import plane_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_JOINT = 14.0  # volume over cubed radius of the limbs that meet: what is smaller is a joint, not a body (a cube: 5.6)
-_LONG = 3.0  # length over width of a body whose axis runs along it, whatever the build direction
-_TOGETHER = 1.0  # of a limb's radius: limbs that join an axis nearer to each other join it at one point
+_TOGETHER = 1.2  # of a limb's radius: limbs that join an axis nearer to each other join it at one point
 _STUB = 1.0  # of the radius: what an axis reaches beyond the limbs that join it, to count as a free end
-
-
-@dataclass(eq=False)
-class _Stretch:
-    """One axis of the graph to be.  is_limb : sticks out of another at its first point   host : number of that one
-
-    joins : points (index) at which others join   keeps_end : whether its last point is an end even if it is short
-    """
-
-    trace: Trace
-    host: int = -1
-    keeps_end: bool = True
-    joins: list[int] = field(default_factory=list)
+_FINE = 8  # places tried on each edge of an axis
+_NEARNESS = 0.15  # how much the way to the place counts beside its distance from the limb's line
 
 
 def skeleton(mesh: Mesh, direction: Floats) -> Skeleton:
@@ -43,192 +27,149 @@ def skeleton(mesh: Mesh, direction: Floats) -> Skeleton:
 
     mesh : mm, any frame   direction : (3,) float, any length, same frame
     Limbs that stick out anywhere have branches of their own, measured by sections square on them; a tube's axis runs in its
-    bore. What is left when they are taken away is a joint (one node), a long body (axis along it) or a block (axis along the
-    direction). Nodes without edges do not occur; bodies that do not touch are graphs of their own.
+    bore. What is left when they are taken away is a joint (one node), a long body (axis along it, round holes on both sides
+    where they are large) or a block (axis along the direction). Bodies that do not touch are graphs of their own.
     """
     axis = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
-    body = occupancy(mesh, axis)
-    found, left = limbs(body, plane_frame(np.concatenate([np.zeros(3), axis]))[:0:-1])
-    owner = _owners(body, found, left)
-    height = body.centres @ axis
-    standing = height < height.min() + body.cube_mm
-    stretches = [_limb(mesh, body, limb.cubes, limb.root, _host(body, owner, limb.root, k)) for k, limb in enumerate(found)]
-    for number in range(len(found), int(owner.max()) + 1):
-        stretches.append(_core(mesh, body, owner, number, stretches, standing, axis))
+    part = Anatomy.of(mesh, axis)
+    stretches = [part.limb(limb.cubes, limb.root, k) for k, limb in enumerate(part.limbs)]
+    for number in range(len(part.limbs), int(part.owner.max()) + 1):
+        guests = [limb for limb in stretches if limb.host == number]
+        stretches += part.core(number, guests)
     return _graph(stretches)
 
 
-def _owners(body: Occupancy, found: list[Limb], left: NDArray[np.bool_]) -> Ints:
-    """(n,) int64   Number of the limb of each cube, then of the connected bodies that are left."""
-    owner = np.full(len(body.centres), -1, dtype=np.int64)
-    for k, limb in enumerate(found):
-        owner[limb.cubes] = k
-    whole = fronts(body, np.zeros(len(body.centres)), left)
-    owner[left] = whole.part[left] + len(found)
-    return owner
+@dataclass(frozen=True, eq=False)
+class _Tie:
+    """Where a limb joins its host.  stretch : of the host   at : place on its points, a fraction between two
+
+    weight : how well the limb's line tells the place: little where it runs along the host
+    """
+
+    limb: int
+    stretch: int
+    at: float
+    weight: float
 
 
-def _host(body: Occupancy, owner: Ints, root: Ints, own: int) -> int:
-    """What most of the root's cubes touch, besides their own; -1 for nothing."""
-    across = body.links[root]
-    touched = owner[across[across >= 0]]
-    touched = touched[touched != own]
-    return int(np.bincount(touched).argmax()) if len(touched) else -1
-
-
-def _chain(graph: Fronts) -> tuple[Floats, Floats]:
-    """Centres and areas of the fronts from the lowest to the farthest, by the largest below each."""
-    below, _ = graph.neighbours()
-    ends = np.flatnonzero(graph.band == graph.band.max())
-    chain = [int(ends[np.argmax(graph.area_mm2[ends])])]
-    while below[chain[-1]]:
-        chain.append(max(below[chain[-1]], key=lambda piece: (graph.area_mm2[piece], -piece)))
-    chain.reverse()
-    return graph.centre[chain], graph.area_mm2[chain]
-
-
-def _limb(mesh: Mesh, body: Occupancy, cubes: Ints, root: Ints, host: int) -> _Stretch:
-    """A limb's axis from its root to its end."""
-    inside, sources = np.zeros((2, len(body.centres)), dtype=np.bool_)
-    inside[cubes], sources[root] = True, True
-    part = body.only(inside)
-    graph = fronts(part, ways_inside(part, sources[inside]))
-    area = np.bincount(graph.band, graph.area_mm2)
-    chain = np.column_stack([np.bincount(graph.band, graph.area_mm2 * graph.centre[:, k]) for k in range(3)]) / area[:, None]
-    return _Stretch(traced(mesh, chain, area, (False, True)), host)
-
-
-def _core(
-    mesh: Mesh, body: Occupancy, owner: Ints, number: int, limbs_made: list[_Stretch], standing: NDArray[np.bool_], axis: Floats
-) -> _Stretch:
-    """The axis of a body that is left when the limbs are taken away."""
-    inside = owner == number
-    part = body.only(inside)
-    volume = len(part.centres) * body.cube_mm**3
-    guests = [limb for limb in limbs_made if limb.host == number]
-    thick = max((float(limb.trace.radii[0]) for limb in guests), default=0.0)
-    if len(guests) > 1 and volume < _JOINT * thick**3 and not (inside & standing).any():
-        return _Stretch(Trace(_meeting(guests, part.centres.mean(axis=0))[None, :], np.array([thick])))
-    if not guests and (owner != number).any():
-        across = body.links
-        touching = inside & ((across >= 0) & (owner[across] != number)).any(axis=1)
-        if touching.any():
-            roots = np.flatnonzero(touching)
-            return _limb(mesh, body, np.flatnonzero(inside), roots, _host(body, owner, roots, number))
-    if (inside & standing).any():
-        chain, area = _chain(fronts(part, ways_inside(part, standing[inside])))
-        return _Stretch(traced(mesh, chain, area, (True, True)), keeps_end=False)
-    far = _farthest(part)
-    graph = fronts(part, ways_inside(part, far))
-    chain, area = _chain(graph)
-    middle = int(np.argmin(np.linalg.norm(graph.centre - chain[len(chain) // 2], axis=1)))
-    if lengths_along(chain)[-1] > _LONG * graph.width_mm(middle):
-        return _Stretch(traced(mesh, chain, area, (True, True)), keeps_end=False)
-    chain, area = _chain(fronts(part, part.centres @ axis, cubes=1.0))
-    return _Stretch(traced(mesh, chain, area, (False, True)))
-
-
-def _farthest(part: Occupancy) -> NDArray[np.bool_]:
-    """(n,) bool   The cubes at one end of a body: farthest from what is farthest from its first cube."""
-    source = np.zeros(len(part.centres), dtype=np.bool_)
-    source[0] = True
-    for _ in range(2):
-        ways = ways_inside(part, source)
-        ways[~np.isfinite(ways)] = -1.0
-        source = ways > ways.max() - 1.5 * part.cube_mm
-    return source
-
-
-def _meeting(guests: list[_Stretch], centre: Floats) -> Floats:
-    """The point nearest to the axes of the limbs that meet, carried on; the joint's centre counts a little."""
-    matrix, right = 0.05 * np.eye(3), 0.05 * centre
-    for guest in guests:
-        point, direction = _root_line(guest.trace)
-        across = np.eye(3) - np.outer(direction, direction)
-        matrix, right = matrix + across, right + across @ point
-    return np.asarray(np.linalg.solve(matrix, right))
-
-
-def _root_line(trace: Trace) -> tuple[Floats, Floats]:
-    """First point of a limb's axis and the unit direction from there into the limb."""
-    reach = min(len(trace.points) - 1, max(int(0.25 * len(trace.points)), 2))
-    away = trace.points[reach] - trace.points[0]
-    return trace.points[0], np.asarray(away / max(float(np.linalg.norm(away)), 1e-12))
-
-
-def _graph(stretches: list[_Stretch]) -> Skeleton:
-    """Nodes, radii and edges: every axis a chain, limbs tied to the point of their host that lies nearest to their axis."""
-    ties = _ties(stretches)
+def _graph(stretches: list[Stretch]) -> Skeleton:
+    """Nodes, radii and edges: every axis a chain, limbs tied to the place of their host that lies nearest to their line."""
+    ties = _shared(stretches, _ties(stretches))
+    for tie in ties:
+        host, limb = stretches[tie.stretch], stretches[tie.limb]
+        host.joins += [tie.at, float(np.argmin(np.linalg.norm(host.trace.points - limb.trace.points[0], axis=1)))]
     nodes: list[Floats] = []
     radii: list[Floats] = []
-    edges: list[tuple[int, int]] = []
-    first: list[int] = []
+    edges: list[list[int]] = []
+    numbers: list[dict[float, int]] = []
     count = 0
-    for stretch in stretches:
-        size = len(stretch.trace.points)
-        first.append(count)
-        nodes.append(stretch.trace.points)
-        radii.append(stretch.trace.radii)
-        edges += [(count + i, count + i + 1) for i in range(size - 1)]
-        count += size
-    for limb, host, index in ties:
-        edges.append((first[host] + index, first[limb]))
-    return _used(np.vstack(nodes), np.concatenate(radii), np.array(edges, dtype=np.int64).reshape(-1, 2), _stubs(stretches, first))
+    for k, stretch in enumerate(stretches):
+        places = sorted({float(i) for i in range(len(stretch.trace.points))} | {tie.at for tie in ties if tie.stretch == k})
+        low, high = _kept(stretch)
+        places = [place for place in places if low <= place <= high]
+        nodes.append(_at(stretch.trace.points, places))
+        radii.append(_at(stretch.trace.radii[:, None], places)[:, 0])
+        edges += [[count + i, count + i + 1] for i in range(len(places) - 1)]
+        numbers.append({place: count + i for i, place in enumerate(places)})
+        count += len(places)
+    for tie in ties:
+        edges.append([numbers[tie.stretch][tie.at], min(numbers[tie.limb].values())])
+    joined, more = _branchings(stretches, numbers)
+    edges += [[a, count + k] for k, b in enumerate(more) for a in joined[k]]
+    nodes += [point[None, :] for point in more]
+    radii += [np.array([np.mean([np.concatenate(radii)[a] for a in group])]) for group in joined]
+    return Skeleton(np.vstack(nodes), np.concatenate(radii), np.array(edges, dtype=np.int64).reshape(-1, 2))
 
 
-def _ties(stretches: list[_Stretch]) -> list[tuple[int, int, int]]:
-    """(limb, host, index of the host's point) for each limb; limbs that join close together share the point."""
-    found: list[tuple[int, int, float]] = []
+def _at(values: Floats, places: list[float]) -> Floats:
+    """(p, d) float   Rows of values (k, d) at fractions between them."""
+    rows = np.arange(len(values))
+    return np.column_stack([np.interp(places, rows, values[:, k]) for k in range(values.shape[1])])
+
+
+def _ties(stretches: list[Stretch]) -> list[_Tie]:
+    """The place of its host that lies nearest to each limb's line, carried on backwards."""
+    made = []
     for k, limb in enumerate(stretches):
-        if limb.host < 0:
-            continue
-        points = stretches[limb.host].trace.points
-        start, direction = _root_line(limb.trace)
-        away = points - start
-        aside = np.linalg.norm(away - np.minimum(away @ direction, 0.0)[:, None] * direction, axis=1)
-        found.append((limb.host, k, float(np.argmin(aside + 0.15 * np.linalg.norm(away, axis=1)))))
-    found.sort(key=lambda tie: (tie[0], tie[2], tie[1]))
-    ties, group = [], []
-    for tie in [*found, (-1, -1, 0.0)]:
-        if group and (tie[0] != group[-1][0] or not _are_close(stretches, group[-1], tie)):
-            index = round(sum(member[2] for member in group) / len(group))
-            for host, limb, _ in group:
-                stretches[host].joins += [index, _beside(stretches[host], stretches[limb])]
-                ties.append((limb, host, index))
+        start, direction = root_line(limb.trace)
+        best: tuple[float, _Tie] | None = None
+        for number, host in enumerate(stretches):
+            if limb.host < 0 or host.owner != limb.host or number == k:
+                continue
+            count = len(host.trace.points)
+            places = np.linspace(0.0, count - 1.0, (count - 1) * _FINE + 1)
+            away = _at(host.trace.points, places.tolist()) - start
+            aside = np.linalg.norm(away - np.minimum(away @ direction, 0.0)[:, None] * direction, axis=1)
+            cost = aside + _NEARNESS * np.linalg.norm(away, axis=1)
+            row = int(np.argmin(cost))
+            if best is None or cost[row] < best[0]:
+                best = (float(cost[row]), _Tie(k, number, float(places[row]), _weight(host, float(places[row]), direction)))
+        if best is not None:
+            made.append(best[1])
+    return made
+
+
+def _weight(host: Stretch, place: float, direction: Floats) -> float:
+    """Squared sine of the angle between a limb's line and its host's axis, and a little."""
+    low = int(np.clip(np.floor(place), 0, max(len(host.trace.points) - 2, 0)))
+    along = host.trace.points[min(low + 1, len(host.trace.points) - 1)] - host.trace.points[low]
+    length = float(np.linalg.norm(along))
+    return 1.0 if length <= 0.0 else 1.01 - float(direction @ along / length) ** 2
+
+
+def _shared(stretches: list[Stretch], ties: list[_Tie]) -> list[_Tie]:
+    """Ties nearer to each other than a limb is thick, brought to one place."""
+    made: list[_Tie] = []
+    group: list[_Tie] = []
+    for tie in [*sorted(ties, key=lambda tie: (tie.stretch, tie.at, tie.limb)), None]:
+        if group and (tie is None or not _are_close(stretches, group[-1], tie)):
+            place = sum(one.weight * one.at for one in group) / sum(one.weight for one in group)
+            made += [replace(member, at=place) for member in group]
             group = []
-        group.append(tie)
-    return ties
+        if tie is not None:
+            group.append(tie)
+    return made
 
 
-def _are_close(stretches: list[_Stretch], first: tuple[int, int, float], second: tuple[int, int, float]) -> bool:
-    points = stretches[first[0]].trace.points
-    apart = float(np.linalg.norm(points[int(first[2])] - points[int(second[2])]))
-    return apart < _TOGETHER * float(stretches[second[1]].trace.radii[0])
+def _are_close(stretches: list[Stretch], first: _Tie, second: _Tie) -> bool:
+    if first.stretch != second.stretch or not stretches[first.stretch].prunes:
+        return first.stretch == second.stretch and first.at == second.at
+    pair = _at(stretches[first.stretch].trace.points, [first.at, second.at])
+    return bool(np.linalg.norm(pair[1] - pair[0]) < _TOGETHER * stretches[second.limb].trace.radii[0])
 
 
-def _beside(host: _Stretch, limb: _Stretch) -> int:
-    """The host's point nearest to the limb's root."""
-    return int(np.argmin(np.linalg.norm(host.trace.points - limb.trace.points[0], axis=1)))
+def _kept(stretch: Stretch) -> tuple[float, float]:
+    """First and last place of an axis that stay: where something follows, or next to nothing, it ends at the outermost tie."""
+    last = len(stretch.trace.points) - 1.0
+    if stretch.host >= 0 or not stretch.joins or last == 0.0:
+        return 0.0, last
+    along, rows = lengths_along(stretch.trace.points), np.arange(last + 1.0)
+    low, high = min(stretch.joins), max(stretch.joins)
+    reach = np.interp([low, high], rows, stretch.trace.radii) * _STUB
+    before, after = float(np.interp(low, rows, along)), float(along[-1] - np.interp(high, rows, along))
+    cuts_low = stretch.branchings[0] < 0 and (stretch.closed[0] or (stretch.prunes and before < reach[0]))
+    cuts_high = stretch.branchings[1] < 0 and (stretch.closed[1] or (stretch.prunes and after < reach[1]))
+    ties = stretch.joins[::2]
+    return min(ties) if cuts_low else 0.0, max(ties) if cuts_high else last
 
 
-def _stubs(stretches: list[_Stretch], first: list[int]) -> set[int]:
-    """Nodes of ends that hardly reach beyond the limbs that join there."""
-    taken: set[int] = set()
-    for stretch, start in zip(stretches, first, strict=True):
-        if stretch.keeps_end or not stretch.joins or len(stretch.trace.points) < 2:
-            continue
-        along = lengths_along(stretch.trace.points)
-        low, high = min(stretch.joins), max(stretch.joins)
-        if along[-1] - along[high] < _STUB * stretch.trace.radii[high]:
-            taken.update(range(start + max(stretch.joins[::2]) + 1, start + len(along)))
-        if along[low] < _STUB * stretch.trace.radii[low]:
-            taken.update(range(start, start + min(stretch.joins[::2])))
-    return taken
+def _branchings(stretches: list[Stretch], numbers: list[dict[float, int]]) -> tuple[list[list[int]], list[Floats]]:
+    """Nodes that meet at each branching of a long body, and its place."""
+    groups: dict[tuple[int, int], list[tuple[int, Stretch, bool]]] = {}
+    for stretch, places in zip(stretches, numbers, strict=True):
+        for side, piece in enumerate(stretch.branchings):
+            if piece >= 0:
+                node = places[max(places) if side else min(places)]
+                groups.setdefault((stretch.owner, piece), []).append((node, stretch, bool(side)))
+    nodes, points = [], []
+    for key in sorted(groups):
+        members = groups[key]
+        ends = np.array([stretch.trace.points[-1 if side else 0] for _, stretch, side in members])
+        turned = [Stretch(_reversed(stretch.trace) if side else stretch.trace, stretch.owner) for _, stretch, side in members]
+        nodes.append([node for node, _, _ in members])
+        points.append(meeting(turned, ends.mean(axis=0)) if len(members) > 2 else ends.mean(axis=0))
+    return nodes, points
 
 
-def _used(nodes: Floats, radii: Floats, edges: Ints, taken: set[int]) -> Skeleton:
-    """The graph without the nodes taken away."""
-    keep = np.array([k not in taken for k in range(len(nodes))], dtype=np.bool_)
-    number = np.cumsum(keep) - 1
-    kept = edges[keep[edges].all(axis=1)]
-    return Skeleton(nodes[keep], radii[keep], number[kept])
+def _reversed(trace: Trace) -> Trace:
+    return Trace(trace.points[::-1], trace.radii[::-1])

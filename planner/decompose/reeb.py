@@ -1,0 +1,122 @@
+"""The graph of fronts without its trifles: arcs between ends and branchings, short spurs and small holes taken out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.decompose.fronts import Fronts
+
+Floats = NDArray[np.float64]
+
+_SPUR = 1.0  # of the front's width at the branching: a shorter free arc is a corner of it, not a limb
+_HOLE = 1.2  # of the front's width at the branching: shorter ways round a hole are one way
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """Fronts in a row.  pieces : numbers in the graph   centre : (k, 3) float, mm   area_mm2 : (k,) float
+
+    ends : pieces of branchings at its first and its last end, -1 where the end is free; these are among `pieces` too
+    """
+
+    pieces: list[int]
+    centre: Floats
+    area_mm2: Floats
+    ends: tuple[int, int]
+
+
+def arcs(graph: Fronts) -> list[Arc]:
+    """The arcs of a graph of fronts, in the order of their lowest pieces."""
+    links = _Links(graph)
+    while links.drop_spur() or links.close_hole():
+        pass
+    return [links.arc(row) for row in links.rows()]
+
+
+class _Links:
+    """Pieces that are left and who touches whom; centres and areas take in what was closed."""
+
+    def __init__(self, graph: Fronts) -> None:
+        self.graph = graph
+        self.centre, self.area = graph.centre.copy(), graph.area_mm2.copy()
+        self.touching: dict[int, set[int]] = {piece: set() for piece in range(len(graph.band))}
+        for low, high in graph.edges.tolist():
+            self.touching[low].add(high)
+            self.touching[high].add(low)
+
+    def rows(self) -> list[list[int]]:
+        """Rows of pieces between pieces that do not have two neighbours; of a closed ring from its lowest piece round to it."""
+        stops = {piece for piece, near in self.touching.items() if len(near) != 2}
+        made: list[list[int]] = []
+        done: set[tuple[int, int]] = set()
+        seen: set[int] = set()
+        for start in [*sorted(stops, key=self._level), *sorted(self.touching, key=self._level)]:
+            if start not in stops and start in seen:
+                continue
+            if not self.touching[start]:
+                made.append([start])
+            for first in sorted(self.touching[start]):
+                if (start, first) in done:
+                    continue
+                row = [start, first]
+                while row[-1] not in stops and row[-1] != start:
+                    row.append(next(piece for piece in sorted(self.touching[row[-1]]) if piece != row[-2]))
+                done.update({(row[0], row[1]), (row[-1], row[-2])})
+                made.append(row)
+            seen.update(piece for row in made for piece in row)
+        return made
+
+    def _level(self, piece: int) -> tuple[int, int]:
+        return int(self.graph.band[piece]), piece
+
+    def _remove(self, pieces: list[int]) -> None:
+        for piece in pieces:
+            for other in self.touching.pop(piece):
+                if other in self.touching:
+                    self.touching[other].discard(piece)
+
+    def drop_spur(self) -> bool:
+        """Take out the shortest free arc that is shorter than its branching is wide."""
+        best: tuple[int, list[int]] | None = None
+        for row in self.rows():
+            free = [len(self.touching[row[k]]) == 1 for k in (0, -1)]
+            if sum(free) != 1:
+                continue
+            spur = row[:-1] if free[0] else row[1:]
+            stop = row[-1] if free[0] else row[0]
+            if len(spur) * self.graph.step_mm < _SPUR * self.graph.width_mm(stop) and (best is None or len(spur) < best[0]):
+                best = (len(spur), spur)
+        if best is not None:
+            self._remove(best[1])
+        return best is not None
+
+    def close_hole(self) -> bool:
+        """Take two arcs with the same ends for one, if they are shorter than their branching is wide."""
+        rows = [row for row in self.rows() if len(row) > 2]
+        for i, first in enumerate(rows):
+            for second in rows[i + 1 :]:
+                if {first[0], first[-1]} != {second[0], second[-1]} or first[0] == first[-1]:
+                    continue
+                limit = _HOLE * max(self.graph.width_mm(first[0]), self.graph.width_mm(first[-1]))
+                if max(len(first), len(second)) * self.graph.step_mm < limit:
+                    self._merge(first[1:-1], second[1:-1])
+                    return True
+        return False
+
+    def _merge(self, kept: list[int], dropped: list[int]) -> None:
+        band = {int(self.graph.band[piece]): piece for piece in kept}
+        for piece in dropped:
+            into = band.get(int(self.graph.band[piece]))
+            if into is not None:
+                total = self.area[into] + self.area[piece]
+                self.centre[into] = (self.centre[into] * self.area[into] + self.centre[piece] * self.area[piece]) / total
+                self.area[into] = total
+        self._remove(dropped)
+
+    def arc(self, row: list[int]) -> Arc:
+        """A row as an arc."""
+        ends = [row[k] if len(self.touching[row[k]]) > 2 or (row[0] == row[-1] and len(row) > 1) else -1 for k in (0, -1)]
+        return Arc(row, self.centre[row], self.area[row], (ends[0], ends[1]))
