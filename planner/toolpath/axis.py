@@ -20,8 +20,9 @@ from planner.toolpath.side import wall_offsets
 
 Floats = NDArray[np.float64]
 
-DepthAt = Callable[[Floats, Floats, float], Floats]
-"""Tips at the bottom's height (n, 3) mm, unit axes (n, 3), distance of the cutter's axis from the wall, mm: depths (n,), mm."""
+DepthAt = Callable[[Floats, Floats, Floats, float], Floats]
+"""Tips at the bottom's height (n, 3) mm, unit axes and unit normals of the wall (n, 3), distance of the cutter's axis from
+the wall, mm: depths (n,), mm."""
 
 STEEPEST_AXIS = 0.35
 """Least z of a ruling that the flank follows: beyond 70 degrees from the build direction a wall is a ledge."""
@@ -66,7 +67,7 @@ def ruled_motions(
     stands = np.vstack([low, high, *(_ends_of(other) for other in others)])
     motions = []
     for leave in wall_offsets(excess_mm, settings.material.milling.radial_depth_mm):
-        under = below_mm if depth_at is None else depth_at(low + (radius + leave) * normal, axis, radius + leave)
+        under = below_mm if depth_at is None else depth_at(low + (radius + leave) * normal, axis, normal, radius + leave)
         tip = low + (radius + leave) * normal - (under / axis[:, 2])[:, None] * axis
         if floor_z is not None:
             dip = radius * np.hypot(axis[:, 0], axis[:, 1])

@@ -50,8 +50,8 @@ def laid(layer: TurnedLayer, is_top: bool, settings: Settings) -> Laid:
     is_top : part of its top is a finished face.
     Raises RecipeError where no bead fills the layer, or where only milling could bring one down (process = deposit).
     """
-    bead = settings.bead_for(layer.region.height_mm, TOP_RESERVE if is_top else 0.0)
-    if follows(layer, bead, settings):
+    bead = _following_bead(layer, is_top, settings)
+    if bead is not None:
         return _following(layer, bead, is_top, settings)
     if not settings.is_milled:
         least, most = layer.thickness_mm
@@ -63,23 +63,27 @@ def laid(layer: TurnedLayer, is_top: bool, settings: Settings) -> Laid:
     return _uniform(layer, is_top, settings)
 
 
-def follows(layer: TurnedLayer, bead: Bead, settings: Settings) -> bool:
-    """Whether the window has the beads for the least and the greatest height at which beads of the layer lie.
+def _following_bead(layer: TurnedLayer, is_top: bool, settings: Settings) -> Bead | None:
+    """The bead for a layer's greatest height, if the window has those for all heights at which beads of it lie.
 
-    bead : for the greatest height over the layer's region; beads lie outside it too, where allowance and edge are.
+    Beads lie outside the layer's region too, where allowance and edge are.
     """
+    try:
+        bead = settings.bead_for(layer.region.height_mm, TOP_RESERVE if is_top else 0.0)
+    except RecipeError:
+        return None
     relief = Relief.of(layer.region, bead, settings, layer.height_at)
     shares = relief.shares(shapely.get_coordinates(grown_region(layer.region, bead, settings)))
     for share in (float(shares.min()), float(shares.max())):
         if share <= 0.0:
-            return False
+            return None
         try:
             made = settings.with_area(bead, share * bead.area_mm2)
         except RecipeError:
-            return False
+            return None
         if made.area_mm2 > share * bead.area_mm2 * _TOO_HIGH:
-            return False
-    return True
+            return None
+    return bead
 
 
 def _following(layer: TurnedLayer, bead: Bead, is_top: bool, settings: Settings) -> Laid:
@@ -119,8 +123,8 @@ def _uniform(layer: TurnedLayer, is_top: bool, settings: Settings) -> Laid:
         lowest, highest = (
             float(edge) for edge in np.array([layer.height_at(corners).min(), layer.height_at(corners).max()])
         )
-        wanted = lowest if not number else highest + reserve / over - made / over
-        bead = settings.bead_for(max(wanted, settings.material.deposition.layer_height_mm.min))
+        wanted = lowest if not number else highest + (reserve - made) / over
+        bead = _nearest_bead(wanted, settings)
         part = replace(region, z_bottom=made, z_top=made + bead.height_mm, region=area)
         more, gone = deposit_operations(part, bead, settings, is_top)
         operations += more
@@ -137,6 +141,16 @@ def _uniform(layer: TurnedLayer, is_top: bool, settings: Settings) -> Laid:
     assert widest is not None
     crest = max(widest.crest_mm - widest.height_mm, 0.0)
     return Laid(tuple(operations), tuple(dropped), widest, excess, crest, volume, True)
+
+
+def _nearest_bead(height_mm: float, settings: Settings) -> Bead:
+    """The bead of a uniform layer so high, or the window's highest where it has none."""
+    bounds = settings.material.deposition.layer_height_mm
+    asked = min(max(height_mm, bounds.min), bounds.max)
+    try:
+        return settings.bead_for(asked)
+    except RecipeError:
+        return settings.bead_for(bounds.min)
 
 
 def _with_edge(area: MultiPolygon, bead: Bead | None, settings: Settings) -> MultiPolygon:

@@ -23,7 +23,7 @@ from planner.toolpath.turned_bands import TurnedBand
 
 Floats = NDArray[np.float64]
 
-_FOLLOWS = 0.2  # of the tolerance: how far the flank may cut into the wall under the band, or leave it
+_FOLLOWS = 0.3  # of the tolerance: how far the flank may cut into the wall under the band, or leave it
 _STEEPEST = 1.0  # change of depth along the pass: the cutter's end rises and falls by no more than 45 degrees
 _ARC_ROOM_MM = 0.5  # by which arcs on and off a wall may come nearer to it than the pass: they leave it sideways
 _SAMPLE_MM = 0.05  # chord error at which a pass is looked at
@@ -148,7 +148,11 @@ def depths(under: Sequence[LayerRegion], z_bottom: float, most_mm: float, settin
     for _, area in levels:
         shapely.prepare(area)
 
-    def depth_at(tips: Floats, axes: Floats, away_mm: float) -> Floats:
+    def depth_at(tips: Floats, axes: Floats, normals: Floats, away_mm: float) -> Floats:
+        lean = axes[:, 2] * normals[:, 2] / np.linalg.norm(normals[:, :2], axis=1)
+        across = np.sqrt(
+            np.maximum(1.0 - lean**2, 0.0)
+        )  # of a level distance from the wall: how far off it the axis is
         reached = np.zeros(len(tips))
         short = np.full(len(tips), allowed)  # how far the axis may still come nearer, at the last level
         is_free = np.ones(len(tips), dtype=np.bool_)
@@ -158,7 +162,7 @@ def depths(under: Sequence[LayerRegion], z_bottom: float, most_mm: float, settin
             if down <= last or last >= most_mm:
                 continue
             points = tips - (down / axes[:, 2])[:, None] * axes
-            apart = shapely.distance(shapely.points(points[:, :2]), area) / axes[:, 2]
+            apart = shapely.distance(shapely.points(points[:, :2]), area) * across
             spare = apart - away_mm + allowed
             gone = np.where(spare >= 0.0, 1.0, np.clip(short / np.maximum(short - spare, 1e-12), 0.0, 1.0))
             reached = np.where(is_free, last + gone * (down - last), reached)

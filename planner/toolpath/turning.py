@@ -32,9 +32,9 @@ StandsIn = Callable[[Floats], Stands]
 """What a cutter must keep clear of in a frame, given build_from_frame, (4, 4) float."""
 
 _TOP_SHARE = 0.02  # of a layer's top; smaller free rims belong to leaning walls
-_PILED = 0.5
+_PILED, _PILED_WITHIN = 0.3, 1.0
 """Of the next layer's least height: metal standing higher than this over the plane is faced before the next layer, so that
-the head's stand-off stays right."""
+the head's stand-off stays right; after the last layer of a band, and within one."""
 _WEDGE_MM = 1.0  # how far under a band, beyond what ran down, its cutter's end is let down at most
 
 
@@ -98,7 +98,7 @@ def turned_operations(
         top = layer.region.z_top + state.above_mm + made.crest_mm
         operations = list(made.operations)
         is_end = band is not None and band.band.last == number
-        if settings.is_milled and _is_face_due(state, number, tops[number]):
+        if settings.is_milled and _is_face_due(state, number, tops[number], is_end):
             operations += _faced(layer, made.bead, state)
         if band is not None and is_end:
             operations += _milled(band, state)
@@ -115,7 +115,7 @@ def _finished_tops(layers: Sequence[TurnedLayer], settings: Settings) -> list[bo
     return [top > 0.0 and top - carries > _TOP_SHARE * top for top, carries in zip(tops, above, strict=True)]
 
 
-def _is_face_due(state: _State, number: int, is_top: bool) -> bool:
+def _is_face_due(state: _State, number: int, is_top: bool, is_end: bool) -> bool:
     """Whether a layer's top is brought to its plane before the next layer."""
     layers, every = state.layers, state.settings.recipe.face_every_layers
     if number == len(layers) - 1 or is_top or state.laid[-1].is_uniform:
