@@ -47,17 +47,17 @@ class PlaneCut:
     """Where a plane cuts a closed mesh: the bodies beyond it, each of which can be taken off.
 
     plane : (6,) float   point (mm) and unit normal; beyond it is the normal's side   count : bodies beyond
-    mesh : the mesh that is cut, in which edges shorter than the plane's thickness are points
-    label : (m,) int   body beyond that each of its facets belongs to, or crosses into; -1: none
+    label : (m,) int   body beyond that each of the mesh's facets belongs to, or crosses into; -1: none
+    mesh : what is cut: the mesh given, in which edges shorter than the plane is thick are points
     Vertices are above the plane, below it or on it; a facet with corners on both sides is cut at new vertices that it
     shares with its neighbours, so no vertex lies on another's edge. A facet that lies in the plane belongs to the side on
     which its metal is. What bounds the surface above the plane is closed by a cap on just those vertices.
     """
 
-    def __init__(self, mesh: Mesh, plane: Floats) -> None:
+    def __init__(self, given: Mesh, plane: Floats) -> None:
         self.plane = np.asarray(plane, dtype=np.float64)
-        self.mesh, self._source = _contracted(mesh, self.plane)
-        mesh = self.mesh
+        mesh, self._source = _contracted(given, self.plane)
+        self.mesh = mesh
         self._height = (mesh.vertices - self.plane[:3]) @ self.plane[3:]
         touch = FLAT_FRACTION * mesh.diagonal
         side = np.where(self._height > touch, 1, np.where(self._height < -touch, -1, 0))
@@ -70,8 +70,10 @@ class PlaneCut:
         self._exit, self._entry = self._crossings()
         surface = self._surfaces()
         self._caps = self._made_caps(surface)
-        self.label, self.count = self._bodies(surface)
-        self._cap_label = self.label[self._caps.facets]
+        self._label, self.count = self._bodies(surface)
+        self._cap_label = self._label[self._caps.facets]
+        self.label: Ints = np.full(len(given.facets), -1)
+        self.label[self._source] = self._label
 
     def cap_mm2(self, number: int) -> float:
         """Area of the cap of one body."""
@@ -79,7 +81,7 @@ class PlaneCut:
 
     def above(self, number: int) -> Body:
         """One body beyond the plane, closed by its cap."""
-        mine = self.label == number
+        mine = self._label == number
         whole = np.flatnonzero(mine & ~self._crossed)
         upper, rows = self._cut_facets(np.flatnonzero(mine & self._crossed), upper=True)
         cap = self._caps.triangles[self._cap_label == number][:, ::-1]
@@ -87,7 +89,7 @@ class PlaneCut:
 
     def below(self, taken: Flags) -> Body:
         """What stays when bodies beyond the plane are taken off.  taken : (count,) bool; closed, may be in several pieces."""
-        gone = np.append(taken, False)[self.label]
+        gone = np.append(taken, False)[self._label]
         whole = np.flatnonzero(~gone)
         lower, rows = self._cut_facets(np.flatnonzero(gone & self._crossed), upper=False)
         cap = self._caps.triangles[taken[self._cap_label]]

@@ -56,7 +56,7 @@ def build_frame(mesh: Mesh, direction: Floats, turn_deg: float = 0.0) -> Floats:
 
 def best_direction(mesh: Mesh) -> tuple[Floats, list[str]]:
     """The best of the six axes and of the largest flat faces laid down: (3,) float unit vector, and a finding that says so."""
-    candidates = _candidates(mesh)
+    candidates = candidate_directions(mesh)
     scores = np.array([direction_score(mesh, candidate) for candidate in candidates])
     best = candidates[int(np.argmin(np.round(scores, 9)))]
     text = ", ".join(f"{value:.4g}" for value in best + 0.0)
@@ -80,7 +80,7 @@ def direction_score(mesh: Mesh, direction: Floats) -> float:
     )
 
 
-def _candidates(mesh: Mesh) -> list[Floats]:
+def candidate_directions(mesh: Mesh) -> list[Floats]:
     """+z first (it wins a tie), the other axes, then the directions away from the largest flat faces."""
     axes = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=np.float64)
     normals, group = np.unique(np.round(mesh.normals, 4) + 0.0, axis=0, return_inverse=True)

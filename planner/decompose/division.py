@@ -2,35 +2,212 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.decompose.axis import axis_graph, straight_axis
-from planner.decompose.direction import build_direction, build_frame
-from planner.decompose.pieces import Division, Piece
+from planner.decompose.blocks import Block, first_block, freed, stands_on, with_path
+from planner.decompose.branches import branched
+from planner.decompose.cutting import Body
+from planner.decompose.direction import asked_direction, build_frame, candidate_directions
+from planner.decompose.members import Member, Ways, members
+from planner.decompose.order import Blocked, Standing, build_order
+from planner.decompose.outcome import pieces_of_blocks
+from planner.decompose.path import AxisPath
+from planner.decompose.pieces import Division
+from planner.decompose.pins import in_places, pinned
+from planner.decompose.seams import seams
+from planner.decompose.search import Search
+from planner.decompose.skeleton import skeleton
+from planner.decompose.weighing import vector_text, weighed
+from planner.errors import PlanningError
 from planner.mesh.mesh import Mesh
+from planner.plan import Candidate
 from planner.process import Settings
 from planner.recipe import Recipe
 
 Floats = NDArray[np.float64]
 
-_UP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+_LEAST_BASE = 0.02  # of the part's mean shadow: on less it does not stand
+_MOST_FIRST = 10  # first directions that are searched
+_MOST_ORDERED = 4  # ways, the cheapest first, whose order is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """One way to build the part.  places : block -> place in the order that the recipe asks for."""
+
+    blocks: list[Block]
+    figures: Candidate
+    places: dict[int, int]
 
 
 def divide(mesh: Mesh, recipe: Recipe, settings: Settings) -> Division:
-    """The pieces of a part in the order of building.
+    """The pieces of a part in the order of building: nothing hangs, every piece is reached, as few set-ups as that takes.
 
-    mesh : part frame, mm, closed.  Raises RecipeError if the build direction asked for has no length.
+    mesh : part frame, mm, closed.
+    First directions are weighed; along each, members that would hang are cut off at the part's seams and grow along their own
+    direction or with their axis (`planner.decompose.search`), branches that stand side by side become pieces of their own
+    (`planner.decompose.branches`), and the cheapest way whose order head and cutter can reach is taken.
+    Raises RecipeError if a direction or a cut of the recipe cannot be used, PlanningError if something is left that
+    neither a direction nor support can make.
     """
-    direction, chosen = build_direction(mesh, recipe)
-    build_from_part = build_frame(mesh, direction, recipe.turn_deg)
-    part = mesh.transformed(build_from_part)
-    axis, radii = straight_axis(part, _UP)
-    whole = Piece("1", part, -1, _UP, base_area(part, _UP), axis)
-    return Division(build_from_part, (whole,), axis_graph(axis, radii), findings=tuple(chosen))
+    ways = Ways.of(mesh, settings)
+    firsts = _first_directions(ways, recipe)
+    if (recipe.decompose == "never" and not recipe.cuts) or recipe.process == "mill":
+        found = [_whole(ways, first) for first in firsts]
+    elif recipe.cuts:
+        found = [_pinned(ways, first, recipe) for first in firsts]
+    else:
+        found = _searched(ways, firsts)
+    found.sort(key=lambda way: way.figures.score)
+    return _division(ways, found, recipe)
 
 
-def base_area(mesh: Mesh, base: Floats) -> float:
-    """Area, mm², of the facets that lie in a base plane (point and direction, (6,)) and look against it."""
-    flat = np.abs((mesh.corners - base[:3]) @ base[3:]).max(axis=1) <= 1e-6 * mesh.diagonal
-    return float(mesh.areas[flat & (mesh.normals @ base[3:] < -0.99)].sum())
+def _first_directions(ways: Ways, recipe: Recipe) -> list[Floats]:
+    """The recipe's build direction, or those of the candidates in which the part has a base; all if it has none in any."""
+    if recipe.build_direction != "auto":
+        return [asked_direction(recipe.build_direction, "build_direction")]
+    every = candidate_directions(ways.mesh)
+    shadow = 0.25 * float(ways.mesh.areas.sum())
+    blocks = [first_block(ways, Body.whole(ways.mesh), direction) for direction in every]
+    standing = [block for block in blocks if block.joint_mm2 >= _LEAST_BASE * shadow] or blocks
+    ranked = sorted(range(len(standing)), key=lambda n: (round(_promise(standing[n], shadow), 6), n))
+    return [standing[n].base[3:] for n in sorted(ranked[:_MOST_FIRST])]
+
+
+def _promise(block: Block, shadow: float) -> float:
+    """Rough cost of a first direction before anything is cut: small is better."""
+    hangs = block.hangs
+    return (hangs.total_mm2 + hangs.foot_mm2 + 0.2 * hangs.tilted_mm2) / shadow - 0.5 * min(hangs.base_mm2 / shadow, 1.0)
+
+
+def _whole(ways: Ways, first: Floats) -> _Way:
+    block = with_path(ways, first_block(ways, Body.whole(ways.mesh), first))
+    return _Way([block], weighed(ways, [block], 0.0), {})
+
+
+def _pinned(ways: Ways, first: Floats, recipe: Recipe) -> _Way:
+    blocks, places = pinned(ways, first_block(ways, Body.whole(ways.mesh), first), recipe)
+    blocks = [with_path(ways, block) for block in blocks]
+    return _Way(blocks, weighed(ways, blocks, 0.0), places)
+
+
+def _searched(ways: Ways, firsts: list[Floats]) -> list[_Way]:
+    """For each first direction the members that would hang cut off, with and without branches as pieces of their own."""
+    wholes = [first_block(ways, Body.whole(ways.mesh), first) for first in firsts]
+    needed = np.sum([block.hangs.weights for block in wholes], axis=0) + _leaning(ways, firsts)
+    directions = candidate_directions(ways.mesh)
+    own = members(ways, seams(ways.mesh), directions, needed) if needed.any() else []
+    paths: dict[int, AxisPath | None] = {}
+    return [way for whole in wholes for way in _along(ways, whole, own, paths)]
+
+
+def _along(ways: Ways, whole: Block, own: list[Member], paths: dict[int, AxisPath | None]) -> list[_Way]:
+    """The ways to build the part on one first direction."""
+    straight = with_path(ways, whole)
+    if straight.path is not None:
+        return [_Way([straight], weighed(ways, [straight], 0.0), {})]
+    search = Search(ways, own, whole.base[3:], paths)
+    stands = _standing_facets(ways, whole)
+    taken, _ = search.cover(whole.hangs.weights, None, stands, whole.base[3:], 1)
+    try:
+        blocks = [with_path(ways, block) for block in freed(ways, whole, taken)]
+    except PlanningError:
+        blocks = [whole]
+    joints = sum(block.joint_mm2 for block in blocks[1:])
+    plain = _Way(blocks, weighed(ways, blocks, joints), {})
+    used = [block.base[3:] for block in blocks]
+    split = [piece for block in blocks for piece in branched(ways, block, own, used)]
+    if len(split) == len(blocks):
+        return [plain]
+    split = [split[0], *(with_path(ways, block) for block in split[1:])]
+    figures = weighed(ways, split, joints)
+    if figures.overhang_mm2 > plain.figures.overhang_mm2 + 0.5:
+        return [plain]
+    figures = replace(figures, score=min(figures.score, plain.figures.score - 1e-6))
+    return [_Way(split, figures, {}), replace(plain, figures=replace(plain.figures, note=_joined(plain.figures.note, "branches not apart")))]
+
+
+def _leaning(ways: Ways, firsts: list[Floats]) -> Floats:
+    """(m,) float, mm²   Of each facet, what leans over in some first direction."""
+    lean = np.sin(np.radians(ways.limits.upright_deg))
+    facing = ways.mesh.normals @ np.array(firsts).T
+    return np.asarray(np.where(facing < -lean, ways.mesh.areas[:, None], 0.0).sum(axis=1))
+
+
+def _standing_facets(ways: Ways, block: Block) -> NDArray[np.bool_]:
+    """(m,) bool   Facets on which the part stands; those at its lowest point where it has no base."""
+    height = (ways.mesh.vertices - block.base[:3]) @ block.base[3:]
+    low = height[ways.mesh.facets]
+    flat = (low <= 0.05).all(axis=1)
+    return np.asarray(flat if flat.any() else (low <= 0.05).any(axis=1))
+
+
+def _division(ways: Ways, found: list[_Way], recipe: Recipe) -> Division:
+    """The cheapest way whose order can be reached, as pieces in the build frame; the others as candidates."""
+    notes = [way.figures.note for way in found]
+    chosen, order, hit = 0, [0], None
+    parents: list[int] = [-1]
+    tried: list[tuple[int, list[int], list[int], list[Blocked]]] = []
+    for number, way in enumerate(found[:_MOST_ORDERED]):
+        frame = build_frame(ways.mesh, way.blocks[0].base[3:], recipe.turn_deg)
+        parents = _parents(way.blocks)
+        if len(way.blocks) == 1:
+            tried.append((number, [0], parents, []))
+            break
+        order, blocked = build_order(way.blocks, parents, Standing(way.blocks, frame, ways.settings))
+        tried.append((number, order, parents, blocked))
+        if not blocked:
+            break
+        notes[number] = _joined(notes[number], _blocked_text(blocked[0], order))
+    clear = [one for one in tried if not one[3]]
+    chosen, order, parents, hits = clear[0] if clear else tried[0]
+    hit = hits[0] if hits else None
+    way = found[chosen]
+    order = in_places(order, way.places, parents)
+    findings = [] if hit is None else [_blocked_text(hit, order)]
+    candidates = [
+        replace(one.figures, chosen=number == chosen, note=_reason(number == chosen, notes[number]))
+        for number, one in enumerate(found)
+    ]
+    frame = build_frame(ways.mesh, way.blocks[0].base[3:], recipe.turn_deg)
+    pieces, more = pieces_of_blocks(ways, way.blocks, order, parents, frame)
+    part = ways.mesh.transformed(frame)
+    findings = [*_chosen_text(way, recipe, len(found)), *findings, *more]
+    return Division(frame, tuple(pieces), skeleton(part, np.array([0.0, 0.0, 1.0])), tuple(candidates), tuple(findings))
+
+
+def _parents(blocks: list[Block]) -> list[int]:
+    """What each block stands on: -1 the plate, else another block's number."""
+    return [-1] + [max(stands_on(block, blocks), 0) for block in blocks[1:]]
+
+
+def _joined(first: str, second: str) -> str:
+    return f"{first}; {second}" if first else second
+
+
+def _reason(is_chosen: bool, note: str) -> str:
+    """Why a candidate was taken, or what speaks against it."""
+    if is_chosen:
+        return _joined("lowest score of those that can be reached", note)
+    return note or "higher score"
+
+
+def _blocked_text(blocked: Blocked, order: list[int]) -> str:
+    """Which piece is hit by what."""
+    piece = order.index(blocked.number) + 1
+    by = "the plate" if blocked.by < 0 else f"piece {order.index(blocked.by) + 1}"
+    return f"piece {piece}: the {blocked.tool} meets {by} at {100.0 * blocked.share:.0f} % of its places"
+
+
+def _chosen_text(way: _Way, recipe: Recipe, weighed_count: int) -> list[str]:
+    """The finding that says which way was chosen."""
+    first = way.blocks[0].base[3:]
+    lines = []
+    if recipe.build_direction == "auto":
+        lines.append(f"build direction chosen: {vector_text(first)}, the best of {weighed_count} ways")
+    if len(way.blocks) > 1:
+        lines.append(f"built in {len(way.blocks)} pieces, {way.figures.name}")
+    return lines

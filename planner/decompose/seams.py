@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _BEND_DEG = 20.0  # edges that bend inwards by less belong to smooth walls
+_RISE = 1e-5  # of the part's size, by which a facet must rise over its neighbour
+_LEAST_WIDTH = 3e-5  # of the part's size: thinner facets have no direction of their own in 32-bit coordinates
 _MOST_SEAMS = 24  # the longest; parts with more are told apart by these
 _STRAIGHT = 1e-3  # of its length: a seam that leaves its line by less has no plane of its own
 
@@ -55,8 +57,10 @@ def _inward_edges(mesh: Mesh) -> tuple[Ints, Ints]:
     normal, across = mesh.normals[row], mesh.normals[other // 3]
     bends = (normal * across).sum(axis=1) < np.cos(np.radians(_BEND_DEG))
     opposite = mesh.vertices[mesh.facets[other // 3, (other % 3 + 2) % 3]]
-    rises = ((opposite - mesh.vertices[mesh.facets[row, slot]]) * normal).sum(axis=1) > 0.0
-    kept = bends & rises
+    rises = ((opposite - mesh.vertices[mesh.facets[row, slot]]) * normal).sum(axis=1) > _RISE * mesh.diagonal
+    longest = np.linalg.norm(np.roll(mesh.corners, -1, axis=1) - mesh.corners, axis=2).max(axis=1)
+    is_broad = 2.0 * mesh.areas > _LEAST_WIDTH * mesh.diagonal * longest
+    kept = bends & rises & is_broad[row] & is_broad[other // 3]
     return mesh.facets[row, slot][kept], mesh.facets[row, (slot + 1) % 3][kept]
 
 
