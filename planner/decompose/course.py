@@ -19,6 +19,10 @@ _FACE_COS = float(np.cos(np.radians(60.0)))  # an end face leans less than this 
 _FACE_SHARE = 0.6  # of the last section: smaller flats are facets of a dome
 _FACE_SPREAD = float(np.cos(np.radians(3.0)))  # of normals within one flat face, as scanned or remeshed
 _FACE_ROUGH = 0.02  # of the radius, depth of one flat face
+_SQUARE_COS = float(np.cos(np.radians(25.0)))  # a section stands square if its normal leads so nearly to the next centre
+_FOOT = 0.25  # of the largest: what else lies in the base plane is a side that happens to touch it
+_BELOW = 4  # column of `Occupancy.links`: the cube on the side of the base
+_STRAY = 1.6  # outer radii between the axis's end and the farthest front: more is another end
 _SPACING = 0.15  # of the radius, between sections
 
 
@@ -43,14 +47,24 @@ class Fork:
     place: Floats
 
 
-def course(mesh: Mesh, base: Floats) -> Course | Fork | None:
+@dataclass(frozen=True, eq=False)
+class Lost:
+    """Where sections square on the axis end although the piece goes on.  place, direction : (3,) float, mm and unit"""
+
+    place: Floats
+    direction: Floats
+
+
+def course(mesh: Mesh, base: Floats) -> Course | Fork | Lost | None:
     """Axis of a closed piece that stands on its base plane (6,); None where the piece does not stand on it."""
     body = occupancy(mesh, base[3:])
     height = (body.centres - base[:3]) @ base[3:]
-    standing = height < height.min(initial=np.inf) + body.cube_mm
-    if not len(height) or height.min() > 2.0 * body.cube_mm:
+    standing = (np.abs(height) < 1.5 * body.cube_mm) & (body.links[:, _BELOW] < 0)
+    if not standing.any():
         return None
-    ways = ways_inside(body, standing)
+    feet = fronts(body, np.zeros(len(height)), standing)
+    size = np.append(np.bincount(feet.part[standing]), 0)
+    ways = ways_inside(body, size[feet.part] > _FOOT * size.max())
     chain = main_chain(fronts(body, ways))
     if isinstance(chain, Fork):
         return chain
@@ -93,13 +107,14 @@ def _first_fork(graph: Fronts, chain: list[int]) -> Floats | None:
     return None
 
 
-def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | None:
+def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | Lost | None:
     """The axis by sections: square cuts where the chain is far from both ends, marched on to them, then straight."""
     first = cuts_at(mesh, _just_inside(mesh, base)[None, :])[0]
     if first is None:
         return None
     along, radius = lengths_along(chain), first.radius_mm
-    seed = np.arange(min(0.6 * radius, 0.3 * along[-1]), max(along[-1] - 1.6 * radius, 0.55 * along[-1]), _SPACING * radius)
+    outer = float(np.linalg.norm(first.outline - first.centre, axis=1).max())
+    seed = np.arange(min(0.6 * outer, 0.3 * along[-1]), max(along[-1] - 1.6 * outer, 0.55 * along[-1]), _SPACING * radius)
     if len(seed) < 4:
         return _upright(mesh, base, first)
     cuts, _ = squared(mesh, resampled(chain, seed), radius)
@@ -117,7 +132,12 @@ def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | None:
     area = cuts_at(mesh, np.concatenate([points[-1], tail])[None, :])[0]
     face = end_face(mesh, points[-1], tail, radius, area.area_mm2 if area else first.area_mm2)
     start = first.centre - base[3:] * ((first.centre - base[:3]) @ base[3:])
-    points = np.vstack([start, points, run_out(mesh, points[-1], tail, face, radius)])
+    end = run_out(mesh, points[-1], tail, face, radius)
+    if np.linalg.norm(end - chain[-1]) > _STRAY * outer:
+        return Lost(points[-1], tail)
+    if np.linalg.norm(start - points[0]) > _STRAY * outer:
+        return Lost(points[0], tangents_of(points, radius)[0])
+    points = np.vstack([start, points, end])
     return _even(mesh, points, radius, face)
 
 
@@ -134,10 +154,14 @@ def _clear(cuts: list[Cut | None], base: Floats, radius_mm: float) -> Floats:
     for cut in cuts:
         if cut is None or not 0.3 * usual < cut.area_mm2 < 3.0 * usual or _reaches(cut, base, radius_mm):
             runs.append([])
-        elif runs[-1] and np.linalg.norm(cut.centre - runs[-1][-1].centre) < 0.02 * radius_mm:
             continue
-        else:
-            runs[-1].append(cut)
+        step = cut.centre - runs[-1][-1].centre if runs[-1] else cut.plane[3:]
+        length = float(np.linalg.norm(step))
+        if length < 0.02 * radius_mm:
+            continue
+        if float(step @ cut.plane[3:]) < _SQUARE_COS * length:
+            runs.append([])
+        runs[-1].append(cut)
     return np.array([cut.centre for cut in max(runs, key=len)]).reshape(-1, 3)
 
 

@@ -27,7 +27,8 @@ _ROUNDS = 5  # limbs of limbs of limbs
 class Limb:
     """cubes : (k,) int64, numbers in the occupancy   root : of them, those next to what it sticks out of
 
-    beyond : (b,) int64   cubes of the larger section that it sticks out of   length_mm : from its root to its end   area_mm2 : of its sections, in the middle   slender : length over diameter
+    beyond : (b,) int64   cubes of the larger section that it sticks out of   length_mm : from its root to its end
+    area_mm2 : of its sections, in the middle
     """
 
     cubes: NDArray[np.int64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.decompose.centroidal import Cut, cuts_at
-from planner.decompose.course import Course, Fork, course
+from planner.decompose.course import Course, Fork, Lost, course
 from planner.errors import RecipeError
 from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh
@@ -73,8 +73,11 @@ def axis_path(
         return PathBreak(base[:3].copy(), base[3:].copy(), f"the piece does not stand on its base at {place_text(base[:3])}")
     if isinstance(found, Fork):
         return PathBreak(found.place, base[3:].copy(), f"the piece branches at {place_text(found.place)}")
+    if isinstance(found, Lost):
+        reason = f"the axis turns too fast at {place_text(found.place)}: no sections stand square on it there"
+        return PathBreak(found.place, found.direction, reason)
     ratio = 1.0 + (min(max_ratio, layer_max_mm / layer_min_mm) - 1.0) * _RATIO_MARGIN
-    points, normals, notes = _turned(mesh, base, found, ratio)
+    normals, notes = _turned(mesh, base, found, ratio)
     lag = _angles(normals, found.directions)
     late = lag > max(_MAX_LAG, float(lag[0]) + np.radians(5.0))
     if late.any():
@@ -82,8 +85,8 @@ def axis_path(
     return _checked(mesh, base, found, normals, ratio, notes)
 
 
-def _turned(mesh: Mesh, base: Floats, found: Course, ratio: float) -> tuple[Floats, Floats, list[str]]:
-    """Points, normals (k, 3) of the planes and notes: normals follow the axis within what the sections' reach allows."""
+def _turned(mesh: Mesh, base: Floats, found: Course, ratio: float) -> tuple[Floats, list[str]]:
+    """Normals (k, 3) of the planes and notes: they follow the axis within what the sections' reach allows."""
     points, wanted = found.points, found.directions.copy()
     wanted[0] = base[3:]
     step = float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
@@ -100,7 +103,7 @@ def _turned(mesh: Mesh, base: Floats, found: Course, ratio: float) -> tuple[Floa
         normals = _smoothed(closing if meets else middle)
     if found.end_face is not None and not meets:
         notes.append("the last layers end in a flat face that leans against them: the piece turns too late for it")
-    return points, normals, notes
+    return normals, notes
 
 
 def _allowed_turn(
