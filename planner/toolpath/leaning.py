@@ -12,6 +12,7 @@ from shapely import MultiPolygon
 
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion
+from planner.toolpath.clearance import cleared_tilt
 from planner.toolpath.tilt import growth_share, smoothed, tilt_deg
 
 Floats = NDArray[np.float64]
@@ -26,6 +27,7 @@ _NEAR_MM = 0.3  # of the overhang: where the side surface leans but stands on so
 _CORNER_RAD = np.radians(30.0)
 _ENDS = 2.0  # heights of a layer, widths of a wall: so near its ends a side's own lean is not seen
 _LEAST_RUN_MM = 2.0  # shorter stretches of leaning wall are corners
+_SAME_MM = 0.05  # of an outline: on it
 _ACROSS_MM = 60.0  # how far the width of a layer is looked for across its outline
 
 
@@ -95,12 +97,15 @@ def _runs_of(
         if not closed:
             lean = _without_ends(lean, heights, spacing)
         lean = smoothed(lean[:, None], spacing, closed)[:, 0]
-        tilt = tilt_deg(lean, settings)
+        tilt = cleared_tilt(walls, outward, tilt_deg(lean, settings), layer)
         hangs = np.asarray(shapely.dwithin(shapely.points(walls), layer.overhang, _NEAR_MM))
         leans = (tilt > 0.0) & (lean < LEVEL_DEG) & hangs
         for rows, whole in _stretches(leans, spacing, closed):
             across = _across(points[rows], outward[rows], middle)
-            if not whole or not closed:
+            if whole and closed:  # what leans on both sides is shared between them
+                ends = shapely.points(points[rows] - across[:, None] * outward[rows])
+                across = np.where(shapely.distance(ends, ring) < _SAME_MM, 0.5 * across, across)
+            else:
                 across = _without_ends(across, across, spacing)
             runs.append(
                 Run(
@@ -198,6 +203,6 @@ def _across(points: Floats, outward: Floats, middle: MultiPolygon) -> Floats:
         for piece in shapely.get_parts(shape):
             ends = shapely.get_coordinates(piece)
             far = np.linalg.norm(ends - rays[k, 0], axis=1)
-            if len(far) and far.min() < 0.05:
+            if len(far) and far.min() < _SAME_MM:
                 ways[k] = float(far.max())
     return ways

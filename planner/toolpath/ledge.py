@@ -13,6 +13,7 @@ from planner.nurbs.offset import outset
 from planner.plan import Pass
 from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
+from planner.toolpath.clearance import cleared_tilt
 from planner.toolpath.contour import closed_bead, open_bead
 from planner.toolpath.fitting import Stretch, fitted_bead
 from planner.toolpath.tilt import TURN_DEG_S, axes_of, smoothed, tilted_motion
@@ -21,7 +22,7 @@ Floats = NDArray[np.float64]
 
 _ADVANCE = 0.38  # of the bead's width: how far a pass reaches beyond the one before; what it hangs out by holds
 _TIP_UP = 0.25  # of the layer's height above its bottom plane: the focus meets the side of the pass before
-_LEAST_WIDE_MM = 0.35  # narrower undersides are the rounding of beads
+_LEAST_WIDE_MM = 0.2  # beyond what holds by itself: narrower undersides are the rounding of sections
 _STEP_MM = 0.5  # between points of a pass
 _LEAST_LINE_MM = 1.5  # shorter passes are drops
 _POINT_NEAR_MM = 1e-3  # ends of passes lie on the outline
@@ -41,8 +42,9 @@ def ledge_passes(
     if settings.recipe.overhang == "upright" or layer.overlap.is_empty:
         return [], MultiPolygon()
     narrow = fitted_bead(bead, 0.1 * bead.width_mm, 0.0, settings)
+    holds = layer.height_mm * np.tan(np.radians(settings.material.deposition.max_overhang_deg))
     for part in shapely.get_parts(hangs):
-        if part.geom_type != "Polygon" or shapely.buffer(part, -0.5 * _LEAST_WIDE_MM).is_empty:
+        if part.geom_type != "Polygon" or shapely.buffer(part, -0.5 * (holds + _LEAST_WIDE_MM)).is_empty:
             continue
         carried = shapely.intersection(shapely.buffer(part, 0.01), layer.overlap.boundary)
         if carried.is_empty:
@@ -100,7 +102,8 @@ def _outward_pass(
     outward = outward if inside.mean() > 0.5 else -outward
     outward = smoothed(outward, spacing, closed)
     outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-9)[:, None]
-    axes = axes_of(outward, np.full(count, settings.material.deposition.max_tilt_deg))
+    tilt = cleared_tilt(points, outward, np.full(count, settings.material.deposition.max_tilt_deg), layer)
+    axes = axes_of(outward, smoothed(tilt[:, None], spacing, closed)[:, 0])
     tips = np.column_stack([points, np.full(count, layer.z_bottom + _TIP_UP * layer.height_mm)])
     motion = tilted_motion(tips, axes, closed)
     made = _ledge_bead(step_mm, bead, layer, settings)
@@ -112,7 +115,6 @@ def _across(part: Polygon, advance: float, bead: Bead, layer: LayerRegion, setti
     low, high = part.bounds[0], part.bounds[2]
     count = max(1, int(np.ceil((high - low) / advance)))
     step = (high - low) / count
-    axes = axes_of(np.array([[1.0, 0.0], [1.0, 0.0]]), np.full(2, settings.material.deposition.max_tilt_deg))
     z = layer.z_bottom + _TIP_UP * layer.height_mm
     made = _ledge_bead(step, bead, layer, settings)
     passes = []
@@ -124,6 +126,9 @@ def _across(part: Polygon, advance: float, bead: Bead, layer: LayerRegion, setti
             ends = ends if number % 2 == 0 else ends[::-1]
             if len(ends) < 2 or float(np.linalg.norm(ends[-1] - ends[0])) < 0.2:
                 continue
+            along_x = np.array([[1.0, 0.0], [1.0, 0.0]])
+            tilt = cleared_tilt(ends[[0, -1]], along_x, np.full(2, settings.material.deposition.max_tilt_deg), layer)
+            axes = axes_of(along_x, np.full(2, tilt.min()))
             tips = np.column_stack([ends[[0, -1]], np.full(2, z)])
             passes.append(open_bead(tilted_motion(tips, axes, False), made, settings, [Stretch(0.0, made)]))
     return passes

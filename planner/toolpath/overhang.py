@@ -27,6 +27,7 @@ _CHANGE = 0.05  # of its metal or width: a larger change begins another stretch
 _BEYOND_MM = 5.0  # outside a leaning wall: how far what its beads stand for is cut from the layer
 _SLIVER = 0.15  # of the bead's width: what is left narrower than twice that beside tilted beads is theirs
 _LEAST_POINTS = 4
+_SPREADS = (0.6, 1.8)  # rings that close up to less are points
 _ROUND_END = 0.35  # of the bead's width: so far from an end of a wall its beads end, whose tips are round
 _FAR_OVER_DEG = 45.0
 _SETTLES = 0.12
@@ -118,10 +119,21 @@ def _stack(run: Run, widths: Floats, layer: LayerRegion, bead: Bead, settings: S
         out = (up - 0.5 * run.height_mm) * lean - 0.5 * widths * run.share
         middles = np.column_stack([run.points + out[:, None] * run.outward, layer.z_bottom + up])
         tips = middles - (0.5 * run.share * step)[:, None] * axes + inward
-        made = _pass(tips, axes, widths, areas, run, bead, settings)
+        made = _pass(tips, axes, widths, areas * _spread(middles, tips, run.closed), run, bead, settings)
         if made is not None:
             passes.append(made)
     return passes
+
+
+def _spread(middles: Floats, tips: Floats, closed: bool) -> Floats:
+    """(n,) float   How much longer the way through the beads' middles is than that of the tip: rings that open outward."""
+    ways = [
+        np.linalg.norm(np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), axis=1)
+        if closed
+        else np.linalg.norm(np.gradient(points, axis=0), axis=1)
+        for points in (middles, tips)
+    ]
+    return np.asarray(np.clip(ways[0] / np.maximum(ways[1], 1e-6), *_SPREADS))
 
 
 def _pass(

@@ -14,9 +14,10 @@ Floats = NDArray[np.float64]
 
 MARGIN_DEG = 5.0
 """A bead is tilted by so much more than its wall leans beyond what holds without."""
-ALONG_FROM_DEG = 55.0
-"""Walls that lean more are built along their tangent, as far as the material allows: what a bead on them hangs out by
-grows faster with the lean than a part of the tilt takes back."""
+ALONG_FROM_DEG = 45.0
+LEAST_ALONG_DEG = 55.0
+"""Walls that lean more than the first are built along their tangent, as far as the material allows, and by no less than the
+second: what a bead hangs out by grows faster with the lean than a small tilt takes back."""
 TURN_DEG_S = 120.0
 """How fast the tool axis is turned about the layer's direction: rotary tables of five-axis machines reach 90 to 200."""
 _SMOOTH_MM = 1.5  # of path on either side over which the axis is averaged: a bead's width and a half in all
@@ -28,12 +29,12 @@ def tilt_deg(lean_deg: ArrayLike, settings: Settings) -> Floats:
     """(n,) float   Tilt of the head over walls that lean so much from the layer's direction, outward.
 
     0 up to the lean that the material holds without; from there what it takes to hold; over steep overhang along the
-    wall itself. Never more than the wall leans, nor than the material allows.
+    wall itself. Never more than the material allows.
     """
     facts = settings.material.deposition
     lean = np.asarray(lean_deg, dtype=np.float64)
     needed = lean - facts.max_overhang_deg + MARGIN_DEG
-    tilt = np.where(lean > ALONG_FROM_DEG, lean, np.minimum(needed, lean))
+    tilt = np.where(lean > ALONG_FROM_DEG, np.maximum(lean, LEAST_ALONG_DEG), np.minimum(needed, lean))
     return np.asarray(np.where(lean > facts.max_overhang_deg, np.minimum(tilt, facts.max_tilt_deg), 0.0))
 
 
