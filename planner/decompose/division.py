@@ -18,7 +18,7 @@ from planner.decompose.path import AxisPath
 from planner.decompose.pieces import Division
 from planner.decompose.pins import in_places, pinned
 from planner.decompose.seams import seams
-from planner.decompose.search import Search
+from planner.decompose.search import Search, Taken
 from planner.decompose.skeleton import skeleton
 from planner.decompose.weighing import vector_text, weighed
 from planner.errors import PlanningError
@@ -30,6 +30,7 @@ from planner.recipe import Recipe
 Floats = NDArray[np.float64]
 
 _LEAST_BASE = 0.02  # of the part's mean shadow: on less it does not stand
+_LEFT_MM2 = 0.5  # less hanging is rounding
 _MOST_FIRST = 10  # first directions that are searched
 _MOST_ORDERED = 4  # ways, the cheapest first, whose order is looked at
 
@@ -111,7 +112,14 @@ def _along(ways: Ways, whole: Block, own: list[Member], paths: dict[int, AxisPat
         return [_Way([straight], weighed(ways, [straight], 0.0), {})]
     search = Search(ways, own, whole.base[3:], paths)
     stands = _standing_facets(ways, whole)
-    taken, _ = search.cover(whole.hangs.weights, None, stands, whole.base[3:], 1)
+    taken, left = search.cover(whole.hangs.weights, None, stands, whole.base[3:], 1)
+    if taken and left > _LEFT_MM2 and ways.settings.recipe.support == "auto":
+        return [*_with(ways, whole, taken, own), *_with(ways, whole, [], own)]
+    return _with(ways, whole, taken, own)
+
+
+def _with(ways: Ways, whole: Block, taken: list[Taken], own: list[Member]) -> list[_Way]:
+    """The ways to build the part without the members that are taken off, with branches apart and together."""
     try:
         blocks = [with_path(ways, block) for block in freed(ways, whole, taken)]
     except PlanningError:

@@ -26,6 +26,8 @@ MOST_TURNED_COS = float(np.cos(np.radians(100.0)))
 """Of a direction against the first one: beyond, the plate is in the way."""
 _SAME_DIRECTION = 1e-3
 _ON_BASE_MM = 0.05  # facets within this of the base plane lie on it
+_BEGIN = 0.08  # of the axis' length, over which its first direction is taken
+_CORNER_DEG = 40.0  # off the base's direction: with the head tilted by that and the material's own lean the start still holds
 _LEAST_BAR = 1.25  # length over width
 _LEAST_SHARE = 1e-4  # of the part's volume: less is no member
 _MOST_PLANES = 160  # that are cut in search of members
@@ -139,8 +141,8 @@ def path_of(member: Member, ways: Ways) -> AxisPath | None:
 def path_on(body: Body, base: Floats, ways: Ways) -> AxisPath | None:
     """Planes along the axis of a body that stands on a base plane.
 
-    None if the recipe wants none, they cannot follow the axis, it ends in nearly the direction in which it began, or
-    something would hang on the turned planes as well.
+    None if the recipe wants none, they cannot follow the axis, it leaves the base at a corner or ends in nearly the direction
+    in which it began, or something would hang on the turned planes as well.
     """
     recipe = ways.settings.recipe
     if recipe.axis_layers == "never" or recipe.process == "mill":
@@ -155,10 +157,23 @@ def path_on(body: Body, base: Floats, ways: Ways) -> AxisPath | None:
     )
     if not isinstance(found, AxisPath):
         return None
-    turned = float(np.degrees(np.arccos(np.clip(found.planes[0, 3:] @ found.planes[-1, 3:], -1.0, 1.0))))
-    if turned <= ways.limits.upright_deg or _hangs_along(body, found, base, ways) > ways.limits.patch_mm2:
+    if _angle_deg(found.planes[0, 3:], found.planes[-1, 3:]) <= ways.limits.upright_deg or _starts_off(found, base):
+        return None
+    if _hangs_along(body, found, base, ways) > ways.limits.patch_mm2:
         return None
     return found
+
+
+def _starts_off(path: AxisPath, base: Floats) -> bool:
+    """Whether the axis leaves the base at a corner, not in a bend."""
+    steps = np.linalg.norm(np.diff(path.axis, axis=0), axis=1)
+    begin = int(np.searchsorted(np.cumsum(steps), _BEGIN * steps.sum())) + 1
+    return _angle_deg(path.axis[begin] - path.axis[0], base[3:]) > _CORNER_DEG
+
+
+def _angle_deg(first: Floats, second: Floats) -> float:
+    cosine = first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-12)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def _hangs_along(body: Body, path: AxisPath, base: Floats, ways: Ways) -> float:

@@ -105,7 +105,7 @@ class Search:
             if within is not None and float((member.share * (1.0 - within) * areas).sum()) > _OVERLAP * own:
                 continue
             smaller = min([own, *(float((other.member.share * areas).sum()) for other in taken)])
-            if taken and float((np.minimum(gone, member.share) * areas).sum()) > _OVERLAP * smaller:
+            if taken and float((np.maximum(gone + member.share - 1.0, 0.0) * areas).sum()) > _OVERLAP * smaller:
                 continue
             kept.append(number)
         return kept

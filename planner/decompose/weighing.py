@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 _WEIGHTS = {"foot": 6.0, "height": 0.3, "base": 0.5}
 """Of surface that leans over the plate where no cutter comes (it misses the tolerance), of the part's height and of missing
 base, each relative to the part's size."""
+_SUPPORT = (2.5, 0.3)
+"""Of support at all, and of the area that it carries relative to the shadow: cuts that leave some hanging are worth little."""
 _SETUP_S = 180.0  # to turn the table, probe and begin anew
 _HANGS_MM2 = 0.5  # less is rounding
 
@@ -36,7 +38,7 @@ def weighed(ways: Ways, blocks: Sequence[Block], joints_mm2: float) -> Candidate
     height = float(np.ptp(mesh.vertices[mesh.facets].reshape(-1, 3) @ first.base[3:]))
     own_shadow = 0.5 * float((first.mesh.areas * np.abs(first.mesh.normals @ first.base[3:])).sum())
     score = (
-        COSTS["hangs"] * left / shadow
+        _hanging_cost(ways, left / shadow)
         + COSTS["tilted"] * tilted / shadow
         + COSTS["joint"] * joints_mm2 / shadow
         + COSTS["setup"] * (setups - 1)
@@ -58,6 +60,13 @@ def weighed(ways: Ways, blocks: Sequence[Block], joints_mm2: float) -> Candidate
         chosen=False,
         note=_note(left, tilted, first),
     )
+
+
+def _hanging_cost(ways: Ways, share: float) -> float:
+    """Of what hangs, relative to the shadow: it falls away, or, where support may carry it, is built on metal that is milled away."""
+    if share * 0.25 * float(ways.mesh.areas.sum()) <= _HANGS_MM2:
+        return 0.0
+    return COSTS["hangs"] * share if ways.settings.recipe.support == "never" else _SUPPORT[0] + _SUPPORT[1] * share
 
 
 def setup_count(directions: Sequence[Floats]) -> int:
