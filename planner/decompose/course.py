@@ -21,6 +21,7 @@ _FACE_SPREAD = float(np.cos(np.radians(3.0)))  # of normals within one flat face
 _FACE_ROUGH = 0.02  # of the radius, depth of one flat face
 _SQUARE_COS = float(np.cos(np.radians(25.0)))  # a section stands square if its normal leads so nearly to the next centre
 _FOOT = 0.25  # of the largest: what else lies in the base plane is a side that happens to touch it
+_SECTIONS = 160  # of one piece at most
 _BELOW = 4  # column of `Occupancy.links`: the cube on the side of the base
 _STRAY = 1.6  # outer radii between the axis's end and the farthest front: more is another end
 _SPACING = 0.15  # of the radius, between sections
@@ -114,7 +115,7 @@ def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | Lost | None:
         return None
     along, radius = lengths_along(chain), first.radius_mm
     outer = float(np.linalg.norm(first.outline - first.centre, axis=1).max())
-    seed = np.arange(min(0.6 * outer, 0.3 * along[-1]), max(along[-1] - 1.6 * outer, 0.55 * along[-1]), _SPACING * radius)
+    seed = np.arange(min(0.6 * outer, 0.3 * along[-1]), max(along[-1] - 1.6 * outer, 0.55 * along[-1]), max(_SPACING * radius, along[-1] / _SECTIONS))
     if len(seed) < 4:
         return _upright(mesh, base, first)
     cuts, _ = squared(mesh, resampled(chain, seed), radius)
@@ -153,15 +154,13 @@ def _clear(cuts: list[Cut | None], base: Floats, radius_mm: float) -> Floats:
     runs: list[list[Cut]] = [[]]
     for cut in cuts:
         if cut is None or not 0.3 * usual < cut.area_mm2 < 3.0 * usual or _reaches(cut, base, radius_mm):
-            runs.append([])
             continue
         step = cut.centre - runs[-1][-1].centre if runs[-1] else cut.plane[3:]
         length = float(np.linalg.norm(step))
-        if length < 0.02 * radius_mm:
-            continue
-        if float(step @ cut.plane[3:]) < _SQUARE_COS * length:
-            runs.append([])
-        runs[-1].append(cut)
+        if float(step @ cut.plane[3:]) >= _SQUARE_COS * length > 0.02 * radius_mm:
+            runs[-1].append(cut)
+        elif length > radius_mm:
+            runs.append([cut])
     return np.array([cut.centre for cut in max(runs, key=len)]).reshape(-1, 3)
 
 
