@@ -82,7 +82,7 @@ def _passes_over(
 def _edge(part: Polygon, overlap: MultiPolygon, distance_mm: float) -> list[shapely.Geometry]:
     """The outline of what carries the layer, moved out by a distance, as far as it runs over the underside."""
     moved = outset(overlap, distance_mm) if distance_mm > 0.0 else overlap
-    lines = shapely.intersection(moved.boundary, shapely.buffer(part, _POINT_NEAR_MM if distance_mm > 0.0 else 0.02))
+    lines = shapely.intersection(moved.boundary, shapely.buffer(part, _POINT_NEAR_MM))
     merged = shapely.line_merge(lines) if lines.geom_type == "MultiLineString" else lines
     return [piece for piece in shapely.get_parts(merged) if piece.length >= _LEAST_LINE_MM]
 

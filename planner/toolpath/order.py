@@ -35,6 +35,7 @@ class Sequence:
     here : where the tool is   deposited_mm3 : nominal
     standing_mm : how high what else stands reaches under the ways   under : what stands below the base plane, as layers
     stands : what a cutter must keep clear of   lean : how the head keeps clear of it
+    last : operation   closing : linked operations that end the piece
     """
 
     settings: Settings
@@ -43,6 +44,7 @@ class Sequence:
     stands: Stands | None = None
     lean: Callable[[Operation], Operation] = lambda operation: operation
     last: Operation | None = None
+    closing: list[Operation] = field(default_factory=list)
     metal_top: float = 0.0
     above_mm: float = 0.0
     unfaced: int = 0
@@ -141,6 +143,7 @@ def build_up(
         if layer.index == len(layers) - 1:
             for boring in borings:
                 sequence.bore(boring, layer.index)
+            sequence.operations.setdefault(layer.index, []).extend(sequence.closing)
         finished(layer, sequence.operations.get(layer.index, []))
     if not sequence.operations:
         raise PlanningError(
