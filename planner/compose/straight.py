@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from planner.compose.lean import Lean
 from planner.compose.made import Made, in_place
 from planner.compose.standing import Standing, merged
+from planner.compose.supported import cleared, with_support
 from planner.compose.work import Work
 from planner.decompose.bores import filled, hanging_bores
 from planner.errors import PlanningError
@@ -38,7 +39,8 @@ def straight_piece(work: Work) -> Made:
     build_from_piece = work.piece.build_from_piece
     is_there = np.array_equal(build_from_piece, np.eye(4))
     mesh = work.piece.mesh if is_there else work.piece.mesh.transformed(np.linalg.inv(build_from_piece))
-    solid, holes, findings = _bored(mesh, settings, work.standing)
+    support = work.support()
+    solid, holes, findings = _bored(with_support(mesh, support), settings, work.standing)
     say("layers", 0.0)
     regions, notes = _regions(solid, settings, lambda: say("sections", 0.03))
     say("contours", 0.08)
@@ -51,7 +53,11 @@ def straight_piece(work: Work) -> Made:
         lambda layer: in_place(layer, build_from_piece, work.first_layer, work.number),
     )
     lean = work.lean()
-    sequence = _sequence(solid, work, regions, handout, holes, lean)
+    begun = _begun(work, regions, lean)
+    told: list[str] = []
+    if support is not None and settings.is_milled:
+        begun.closing, told = cleared(mesh, support, work, regions[-1].index)
+    sequence = _sequence(solid, work, regions, handout, holes, begun)
     layers = handout.finish()
     if settings.recipe.process != "mill":
         notes += _overhang_findings(regions)
@@ -61,7 +67,8 @@ def straight_piece(work: Work) -> Made:
         work.piece.direction,
         sequence.deposited_mm3,
         max((region.unsupported_mm for region in regions), default=0.0),
-        findings=[*findings, *notes, *sequence.findings, *(lean.findings if lean is not None else [])],
+        support_mm3=0.0 if support is None else support.volume,
+        findings=[*findings, *notes, *sequence.findings, *told, *(lean.findings if lean is not None else [])],
     )
 
 
@@ -103,7 +110,7 @@ def _regions(part: Mesh, settings: Settings, levelled: Callable[[], None]) -> tu
 
 
 def _sequence(
-    part: Mesh, work: Work, regions: list[LayerRegion], handout: Handout, holes: list[Boring], lean: Lean | None
+    part: Mesh, work: Work, regions: list[LayerRegion], handout: Handout, holes: list[Boring], begun: Sequence
 ) -> Sequence:
     """All operations in order; the handout is told each layer that is done."""
     settings = work.settings
@@ -112,15 +119,22 @@ def _sequence(
     tops = finished_tops(regions, settings)
     beads = layer_beads(regions, tops, settings)
     bands = make_bands(regions, part, settings) if settings.is_milled else iter(())
-    begun = Sequence(settings)
-    if work.standing is not None:
-        begun.standing_mm = work.standing.height_over(regions[0].region, _WAY_MM)
-        if lean is not None:
-            begun.lean = lean.away
-        if settings.is_milled:
-            begun.stands = work.standing.keep_out
-            begun.under = work.standing.layers_under(RUNS_DOWN * beads[0].crest_mm, regions[0].height_mm)
     return build_up(regions, beads, tops, bands, settings, handout.take, holes, begun=begun)
+
+
+def _begun(work: Work, regions: list[LayerRegion], lean: Lean | None) -> Sequence:
+    """The state of the part before a piece: what stands beside and below it."""
+    begun = Sequence(work.settings)
+    if work.standing is None:
+        return begun
+    begun.standing_mm = work.standing.height_over(regions[0].region, _WAY_MM)
+    if lean is not None:
+        begun.lean = lean.away
+    if work.settings.is_milled:
+        begun.stands = work.standing.keep_out
+        depth = RUNS_DOWN * work.settings.bead_for(regions[0].height_mm).crest_mm
+        begun.under = work.standing.layers_under(depth, regions[0].height_mm)
+    return begun
 
 
 def _refuse_empty(regions: list[LayerRegion]) -> None:

@@ -12,6 +12,7 @@ from planner.compose.lean import Lean
 from planner.compose.standing import Standing
 from planner.decompose.pieces import Piece
 from planner.handout import outlines_of
+from planner.mesh.mesh import Mesh
 from planner.plan import Layer
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion
@@ -35,6 +36,12 @@ class Work:
     build_from_part: Floats
     on_layer: Callable[[Layer], None] | None
     say: Callable[[str, float], None]
+
+    def support(self) -> Mesh | None:
+        """Sacrificial metal that is built with the piece, closed, mm, piece frame."""
+        if self.piece.support is None:
+            return None
+        return self.piece.support.transformed(np.linalg.inv(self.piece.build_from_piece))
 
     def lean(self) -> Lean | None:
         """How the head keeps clear of what stands; None where that is the plate alone."""
