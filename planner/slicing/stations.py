@@ -17,8 +17,6 @@ from planner.slicing.section import checked_planes
 Floats = NDArray[np.float64]
 PlanesAt = Callable[[Floats], Floats]
 
-_NEWTON = 4  # steps from the linear guess: the last ones change nothing
-
 
 @dataclass(frozen=True)
 class Stations:
@@ -57,7 +55,7 @@ def straight_stations(mesh: Mesh, axis: Floats) -> Stations:
 
 
 def path_stations(mesh: Mesh, path: ArrayLike) -> Stations:
-    """Stations along planes that may turn: between row i and i + 1 point and normal go over linearly, station i to i + 1.
+    """Stations along planes that may turn: between row i and i + 1 one goes over into the other (`planes_on`), station i to i + 1.
 
     path : (p, 6) float, p >= 2   a point (mm) and a unit normal each; the first lies below the whole mesh, the last above.
     Raises RecipeError if the planes do not take in the mesh, or cross each other inside it (then one place of the part
@@ -90,10 +88,18 @@ def path_stations(mesh: Mesh, path: ArrayLike) -> Stations:
 
 
 def planes_on(path: Floats, stations: Floats) -> Floats:
-    """Planes (k, 6) at stations (k,) of a path (p, 6); before the first and after the last row it goes on straight."""
+    """Planes (k, 6) at stations (k,) of a path (p, 6); before the first and after the last row it goes on straight.
+
+    Between two rows the planes belong to the pencil of both: they go through the line in which these meet, so that a layer
+    between any two of them is as many times thicker on one side as one between the rows. Their points go over linearly,
+    each put into its plane.
+    """
     first = np.clip(np.floor(stations).astype(np.int64), 0, len(path) - 2)
     share = (stations - first)[:, None]
     mixed = (1.0 - share) * path[first] + share * path[first + 1]
+    off = [np.einsum("ij,ij->i", mixed[:, :3] - path[row, :3], path[row, 3:]) for row in (first, first + 1)]
+    height = (1.0 - share[:, 0]) * off[0] + share[:, 0] * off[1]
+    mixed[:, :3] -= (height / np.einsum("ij,ij->i", mixed[:, 3:], mixed[:, 3:]))[:, None] * mixed[:, 3:]
     mixed[:, 3:] /= np.linalg.norm(mixed[:, 3:], axis=1, keepdims=True)
     return np.asarray(mixed)
 
@@ -113,7 +119,7 @@ def _find_stations(points: Floats, path: Floats) -> tuple[Floats, NDArray[np.int
             for axis in range(3):
                 height += (points[i, axis] - path[k, axis]) * path[k, 3 + axis]
             if k and last > 0.0 and height <= 0.0:
-                station[i] = _between(points[i], path[k - 1], path[k], last / (last - height)) + k - 1
+                station[i] = last / (last - height) + k - 1
                 crossings[i] += 1
             elif k and last <= 0.0 and height > 0.0:
                 crossings[i] += 2
@@ -121,24 +127,6 @@ def _find_stations(points: Floats, path: Floats) -> tuple[Floats, NDArray[np.int
                 crossings[i] += 1 if height > -1e-9 else 2
             last = height
     return station, crossings
-
-
-@njit(cache=True)
-def _between(point: Floats, first: Floats, second: Floats, guess: float) -> float:  # pragma: no cover
-    """Share of the way from the first to the second plane at which the plane passes the point: Newton from a guess."""
-    share = guess
-    for _ in range(_NEWTON):
-        value, slope = 0.0, 0.0
-        for axis in range(3):
-            moved, turned = second[axis] - first[axis], second[3 + axis] - first[3 + axis]
-            arm = point[axis] - first[axis] - share * moved
-            normal = first[3 + axis] + share * turned
-            value += arm * normal
-            slope += arm * turned - moved * normal
-        if slope == 0.0:
-            break
-        share -= value / slope
-    return min(max(share, 0.0), 1.0)
 
 
 def _refuse_path(mesh: Mesh, is_bad: NDArray[np.bool_], crossings: NDArray[np.int64]) -> None:

@@ -108,8 +108,8 @@ def layer_planes(
 ) -> Floats:
     """Bounding planes of the layers along a way of planes that may turn: neighbouring planes need not be parallel.
 
-    path : (p, 6) float   a point (mm) and a unit normal each, from below the part to above it; between two of them point
-    and normal go over linearly.   The rest as for `layer_heights`; thickness counts, facet by facet, along the normal of
+    path : (p, 6) float   a point (mm) and a unit normal each, from below the part to above it; between two of them one
+    goes over into the other (`planes_on`).   The rest as for `layer_heights`; thickness counts, facet by facet, along the normal of
     the plane through the facet, so that the layer is thickest where the planes are farthest apart.
     Returns (k + 1, 6) float: the planes of the path between which the layers lie; the first and last touch the part.
     Raises RecipeError if the path misses the part or its planes cross in it; else as `layer_heights`.

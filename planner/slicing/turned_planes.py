@@ -31,6 +31,10 @@ _ON_MM = 1e-3  # a boundary this near to an end plane of the way is that plane
 _CUT = "cut the piece there, or set axis_layers = never"
 
 
+class NoRoomError(PlanningError):
+    """Layers of the rule's thickness do not fit between two planes that must be; even ones may."""
+
+
 @dataclass(frozen=True)
 class Way:
     """A way of planes through a piece, with how far neighbouring planes are apart.
@@ -72,13 +76,15 @@ class TurnedPlanes:
     findings: tuple[str, ...]
 
 
-def turned_planes(mesh: Mesh, path: Floats, settings: Settings, recipe: Recipe, within: float = 1.0) -> TurnedPlanes:
+def turned_planes(
+    mesh: Mesh, path: Floats, settings: Settings, recipe: Recipe, within: float = 1.0, *, is_even: bool = False
+) -> TurnedPlanes:
     """The planes between which layers lie along a way of planes.
 
     mesh : closed piece   path : (p, 6) float, mm, unit normals, from its base plane to its end or past it
-    within : share of the greatest thickness that is used. The thickness lies within the material's bounds on every side
-    of the piece, its ratio within one layer below max_layer_ratio. A fixed layer height holds at the section's centroid,
-    at most.
+    within : share of the greatest thickness that is used   is_even : as thick as the bounds allow, whatever the cusp.
+    The thickness lies within the material's bounds on every side of the piece, its ratio within one layer below
+    max_layer_ratio. A fixed layer height holds at the section's centroid, at most.
     Raises PlanningError, one line with the place, where that cannot be: the piece should have been cut there.
     """
     way, along = _way_through(mesh, checked_planes(path))
@@ -87,6 +93,8 @@ def turned_planes(mesh: Mesh, path: Floats, settings: Settings, recipe: Recipe, 
     if recipe.layer_height_mm is not None:
         rate = np.maximum(way.centre / recipe.layer_height_mm, way.most / greatest)
         stations, findings = _even(mesh, way, along, rate)
+    elif is_even:
+        stations, findings = _even(mesh, way, along, way.most / greatest)
     else:
         stations, findings = _by_cusp(mesh, way, along, settings, greatest)
     middle = planes_on(way.path, 0.5 * (stations[1:] + stations[:-1]))
@@ -223,7 +231,7 @@ def _facet_marks(
 ) -> Floats:
     """Boundaries, mm, as thick as flat facets allow (paper Eq. 14: d = cusp / |n·b|).  bounds : mm, least and greatest.
 
-    Raises PlanningError where level faces leave no room for layers within the bounds.
+    Raises NoRoomError where level faces leave no room for layers within the bounds.
     """
     slope = np.abs(np.einsum("ij,ij->i", mesh.normals, along.direction))
     here = np.divide(cusp_mm, slope, out=np.full(len(slope), np.inf), where=slope > 0.0)
@@ -236,7 +244,7 @@ def _facet_marks(
         inner = divide_span(low, high, allowed, bottom, top, *bounds, touch)
         if not len(inner):
             place = along.planes(np.array([0.5 * (bottom + top)]))[0, :3]
-            raise PlanningError(
+            raise NoRoomError(
                 f"{top - bottom:.3g} mm of the piece near {place_text(place)} cannot be divided into layers that turn and are "
                 f"{bounds[0]:.3g} to {bounds[1]:.3g} mm thick on the outside of the bend",
                 _CUT,

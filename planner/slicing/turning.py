@@ -21,16 +21,16 @@ from planner.slicing.regions import LayerRegion, built_region
 from planner.slicing.resting import Overhang, overhang
 from planner.slicing.section import Section, plane_frame
 from planner.slicing.slicer import slice_mesh
-from planner.slicing.turned_planes import TurnedPlanes, turned_planes
+from planner.slicing.turned_planes import NoRoomError, TurnedPlanes, turned_planes
 
 Floats = NDArray[np.float64]
 
 _INSIDE = 2e-5
 """Of the piece's size: how far inside a layer its bottom and top sections are taken, so that vertices in the planes (rings
 of a swept mesh, rims of a cut) lie clearly beside them."""
-_TRIES = (0.995, 0.97, 0.94)
-"""Shares of the greatest thickness that are planned with, one after the other, until every layer keeps the bounds where
-it is measured: planes are laid out by their distances at sections half a millimetre apart."""
+_TRIES = ((0.995, False), (0.97, False), (0.995, True), (0.97, True), (0.94, True))
+"""Shares of the greatest thickness that are planned with, and whether evenly, one after the other, until every layer keeps
+the bounds where it is measured: planes are laid out by their distances at sections half a millimetre apart."""
 _SLACK = 0.005  # relative: of the bounds of thickness, for what lies between sections
 
 
@@ -96,12 +96,19 @@ def turned_layers(mesh: Mesh, path: Floats, settings: Settings, recipe: Recipe) 
     Raises PlanningError, one line with the place, where that cannot be: the piece should have been cut there.
     """
     worst: TurnedLayer | None = None
-    for within in _TRIES:
-        planes = turned_planes(mesh, path, settings, recipe, within)
+    refused: PlanningError | None = None
+    for within, is_even in _TRIES:
+        try:
+            planes = turned_planes(mesh, path, settings, recipe, within, is_even=is_even)
+        except NoRoomError as error:
+            refused = error
+            continue
         layers = _layers_between(mesh, planes, recipe)
         worst = _out_of_bounds(layers, settings)
         if worst is None:
             return layers, list(planes.findings)
+    if worst is None and refused is not None:
+        raise refused
     assert worst is not None
     facts = settings.material.deposition
     raise PlanningError(
