@@ -25,7 +25,7 @@ LAYERS_MM = (0.9, 0.6, 0.4)
 EVEN = {"cusp_mm": 2.0}  # layers are as high as the recipe asks, whatever the facets
 COLUMNS = (
     "part", "process", "facets", "pieces", "set-ups", "layers", "layer mm", "overhang mm2", "left mm2", "support mm3",
-    "unsupported mm", "plan s", "first piece s", "build min", "proof s", "p99 mm", "missing %", "verdict", "why",
+    "unsupported mm", "plan s", "plan CPU s", "first piece s", "build min", "proof s", "p99 mm", "missing %", "verdict", "why",
 )  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def verdict(figures: dict[str, Any]) -> tuple[str, str]:
 def row(name: str, figures: dict[str, Any]) -> tuple[Cell, ...]:
     """One line of the first table."""
     heights = f"{figures['thinnest_mm']:.2f} - {figures['thickest_mm']:.2f}" if "thinnest_mm" in figures else "-"
-    keys = ("overhang_mm2", "left_mm2", "support_mm3", "unsupported_mm", "plan_s", "first_s", "build_min", "proof_s", "p99_mm")
+    keys = ("overhang_mm2", "left_mm2", "support_mm3", "unsupported_mm", "plan_s", "plan_cpu_s", "first_s", "build_min", "proof_s", "p99_mm")
     return (
         name, *(cell_of(figures, key) for key in ("process", "facets", "subcomponents", "setups", "layers")), heights,
         *(cell_of(figures, key) for key in keys), cell_of(figures, "missing_share", 100.0), *verdict(figures),

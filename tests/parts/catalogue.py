@@ -25,6 +25,8 @@ HYBRID: dict[str, Any] = {
     "layer_height_mm": 0.8,
     "small_cutter_diameter_mm": 4.0,
 }
+SIDEWAYS: dict[str, Any] = {**HYBRID, "turn_deg": 45.0}
+"""What grows or is bored sideways does so between the clamps, which hold the plate at the middles of its edges."""
 DEPOSIT: dict[str, Any] = {
     "material": "316L",
     "process": "deposit",
@@ -81,12 +83,12 @@ def _cone(low: float, high: float, height: float) -> float:
 
 _TAU = 2.0 * pi
 _ALL = (
-    Sample("tee", straight.tee, HYBRID, pi * 25.0 * 80.0 - 8.0 * 125.0 / 3.0, "round bars: stem, then an arm to either side"),
-    Sample("cross", straight.cross, HYBRID, 13200.0, "four arms beside a post"),
+    Sample("tee", straight.tee, SIDEWAYS, pi * 25.0 * 80.0 - 8.0 * 125.0 / 3.0, "round bars: stem, then an arm to either side"),
+    Sample("cross", straight.cross, SIDEWAYS, 13200.0, "four arms beside a post"),
     Sample("y_branch", straight.y_branch, HYBRID, None, "two arms off a trunk, blended"),
-    Sample("l_bracket", straight.l_bracket, HYBRID, 5.0 * 40.0 * 65.0 - 4.0 * 5.0 * pi * 9.0, "plates and bores in two directions"),
-    Sample("branched_tube", straight.branched_tube, HYBRID, None, "hollow branches beside a tube"),
-    Sample("bladed_hub", straight.bladed_hub, HYBRID, None, "six twisted blades around a hub"),
+    Sample("l_bracket", straight.l_bracket, SIDEWAYS, 5.0 * 40.0 * 65.0 - 4.0 * 5.0 * pi * 9.0, "plates and bores in two directions"),
+    Sample("branched_tube", straight.branched_tube, SIDEWAYS, None, "hollow branches beside a tube"),
+    Sample("bladed_hub", straight.bladed_hub, SIDEWAYS, None, "six twisted blades around a hub"),
     Sample("table", straight.table, HYBRID, 44.0 * 44.0 * 5.0 + 4.0 * 36.0 * 25.0, "stands on its legs in the file: built upside down"),
     Sample("two_bodies", straight.two_bodies, HYBRID, 2800.0 + pi * 36.0 * 16.0, "two shells that never touch"),
     Sample("plate_with_boss", straight.plate_with_boss, HYBRID, 3600.0 + pi * 1.69 * 5.0, "a boss of one bead"),
