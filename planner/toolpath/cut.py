@@ -324,8 +324,11 @@ def _left_by_the_cutter(band: Band, settings: Settings) -> list[Left]:
     ]
 
 
-def left_findings(left: list[Left], settings: Settings) -> list[str]:
-    """One line for each run of touching bands that leave the same kind of thing."""
+def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = False) -> list[str]:
+    """One line for each run of touching bands that leave the same kind of thing.
+
+    by_layer : z_bottom and z_top of each are its first layer and one past its last, of layers that turn.
+    """
     runs: dict[str, list[list[Left]]] = {}
     for item in left:
         known = runs.setdefault(item.kind, [])
@@ -342,11 +345,13 @@ def left_findings(left: list[Left], settings: Settings) -> list[str]:
         "unfaced": "what stands beside keeps the facing cutter away",
         "none": "the cutter reaches no wall: side milling left out",
     }
-    return [_left_line(run, words[kind]) for kind, found in runs.items() for run in found]
+    return [_left_line(run, words[kind], by_layer) for kind, found in runs.items() for run in found]
 
 
-def _left_line(run: list[Left], words: str) -> str:
+def _left_line(run: list[Left], words: str, by_layer: bool) -> str:
     height = f"z {run[0].z_bottom:.2f}-{run[-1].z_top:.2f} mm"
+    if by_layer:
+        height = f"layers {run[0].z_bottom:.0f}-{run[-1].z_top - 1.0:.0f}"
     most = max(item.count for item in run)
     if run[0].kind == "unfaced":
         return f"{height}: {words}: {max(item.volume_mm3 for item in run):.1f} mm² of a top stay as deposited, at {run[-1].place} mm"
