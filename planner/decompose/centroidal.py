@@ -16,6 +16,7 @@ from planner.slicing.slicer import slice_mesh
 Floats = NDArray[np.float64]
 
 ROUNDS = 3  # cut, centre, turn: the third changes the axis of a bend of R = 2.5 r by less than 0.01 r
+_ALIKE = 0.25  # of the area: by what a section may differ from the one before the last
 _WINDOW = 0.6  # of the radius: standard deviation of the window that smooths the axis's direction
 
 
@@ -59,11 +60,8 @@ def _through(section: Section) -> Cut | None:
     here = shapely.Point(0.0, 0.0)
     filled = [shapely.Polygon(region.exterior) for region in regions]
     around = [k for k, shape in enumerate(filled) if shape.intersects(here)]
-    if around:
-        best = min(around, key=lambda k: (filled[k].area, k))
-    else:
-        best = min(range(len(regions)), key=lambda k: (filled[k].distance(here), k))
-    region = regions[best]
+    nearest = min(range(len(regions)), key=lambda k: (filled[k].distance(here), k))
+    region = regions[min(around, key=lambda k: (filled[k].area, k)) if around else nearest]
     middle = region.centroid
     return Cut(section.plane, region, section.lift([(middle.x, middle.y)])[0], float(region.area))
 
@@ -119,25 +117,29 @@ def squared(
     return cuts, directions
 
 
-def marched(mesh: Mesh, points: Floats, radius_mm: float, step_mm: float, is_over: Callable[[Cut], bool]) -> Floats:
+def marched(
+    mesh: Mesh, points: Floats, radius_mm: float, step_mm: float, is_over: Callable[[Cut], bool]
+) -> tuple[Floats, Floats]:
     """Points (k, 3) on an axis and those that follow its last one, a step apart, as long as the sections stay alike.
 
     The next plane lies where the parabola through the last points leads; its centroid corrects it. Ends before a section that
-    is_over, is missing, is a tenth larger or smaller than the one before, or whose centroid strays by half a step.
+    is_over, is missing, is a good deal larger or smaller than those before, or whose centroid strays by a third of a step.
+    Returns also the areas (j,), mm², of the points added.
     """
     made = list(points)
     area = _area_at(mesh, made, radius_mm)
+    areas = [area] if area is not None else []
     limit = len(points) + int(8.0 * radius_mm / step_mm) + 1
-    while len(made) < limit and area is not None:
+    while len(made) < limit and areas:
         place, direction = _ahead(np.array(made[-max(int(1.2 * radius_mm / step_mm), 5) :]), step_mm)
         cut = cuts_at(mesh, np.concatenate([place, direction])[None, :])[0]
-        if cut is None or is_over(cut) or abs(cut.area_mm2 / area - 1.0) > 0.1:
+        if cut is None or is_over(cut) or abs(cut.area_mm2 / np.median(areas[-3:]) - 1.0) > _ALIKE:
             break
-        if np.linalg.norm(cut.centre - place) > 0.5 * step_mm:
+        if np.linalg.norm(cut.centre - place) > 0.35 * step_mm:
             break
         made.append(cut.centre)
-        area = cut.area_mm2
-    return np.array(made)
+        areas.append(cut.area_mm2)
+    return np.array(made), np.array(areas[1:])
 
 
 def _area_at(mesh: Mesh, points: list[Floats], radius_mm: float) -> float | None:

@@ -24,6 +24,7 @@ Flags = NDArray[np.bool_]
 _JOINT = 14.0  # volume over cubed radius of the limbs that meet: what is smaller is a joint, not a body (a cube: 5.6)
 _LONG = 3.0  # length over width of a body whose axis runs along it, whatever the build direction
 _LONG_ON_BASE = 1.2  # the same for one that stands on the base: its axis begins there
+_ROOT = 1.5  # radii of a limb over which its direction at the root is taken
 _CLOSED = 0.3  # of an end's cubes that touch something else: the axis does not end there
 
 
@@ -103,13 +104,11 @@ class Anatomy:
                 return [Stretch(Trace(meeting(guests, part.centres.mean(axis=0))[None, :], np.array([thick])), number)]
         if not is_base and not guests and touching.any():
             return self._left_over(inside, touching, number, volume)
-        if is_base:
-            graph = fronts(part, ways_inside(part, self.standing[inside]))
-        else:
-            graph = fronts(part, ways_inside(part, _farthest(part)))
-        found = arcs(graph)
+        graph = fronts(part, ways_inside(part, self.standing[inside] if is_base else _farthest(part)))
+        taken = np.bincount(graph.part, touching[inside]) > _CLOSED * np.bincount(graph.part)
+        found = arcs(graph, set(np.flatnonzero(taken).tolist()))
         if _length(found) > (_LONG_ON_BASE if is_base else _LONG) * _width(graph, found):
-            return self._long(graph, found, number, touching[inside])
+            return self._long(found, number)
         return [self._block(part, number, touching[inside])]
 
     def _left_over(self, inside: Flags, touching: Flags, number: int, volume: float) -> list[Stretch]:
@@ -120,17 +119,14 @@ class Anatomy:
             return []
         return [self.limb(np.flatnonzero(inside), roots, number)]
 
-    def _long(self, graph: Fronts, found: list[Arc], number: int, touching: Flags) -> list[Stretch]:
-        """Axes along the arcs of a long body, and its branchings as joints."""
-        size = np.bincount(graph.part)
-        taken = np.bincount(graph.part, touching)
+    def _long(self, found: list[Arc], number: int) -> list[Stretch]:
+        """Axes along the arcs of a long body."""
         made = []
         for arc in found:
-            ends = [arc.pieces[0], arc.pieces[-1]]
-            closed = [arc.ends[k] >= 0 or bool(taken[end] > _CLOSED * size[end]) for k, end in enumerate(ends)]
-            kinds: list[End] = ["joined" if is_closed else "free" for is_closed in closed]
+            kinds: list[End] = ["joined" if is_closed else "free" for is_closed in arc.closed]
+            kinds = ["branching" if arc.ends[k] >= 0 else kind for k, kind in enumerate(kinds)]
             trace = traced(self.mesh, arc.centre, arc.area_mm2, (kinds[0], kinds[1]))
-            made.append(Stretch(trace, number, -1, (closed[0], closed[1]), True, arc.ends))
+            made.append(Stretch(trace, number, -1, arc.closed, True, arc.ends))
         return made
 
     def _block(self, part: Occupancy, number: int, touching: Flags) -> Stretch:
@@ -178,6 +174,8 @@ def meeting(guests: Sequence[Stretch], centre: Floats) -> Floats:
 
 def root_line(trace: Trace) -> tuple[Floats, Floats]:
     """First point (3,), mm, of a limb's axis and the unit direction (3,) from there into the limb."""
-    reach = min(len(trace.points) - 1, max(int(0.25 * len(trace.points)), 2))
-    away = trace.points[reach] - trace.points[0]
-    return trace.points[0], np.asarray(away / max(float(np.linalg.norm(away)), 1e-12))
+    away = trace.points - trace.points[0]
+    apart = np.linalg.norm(away, axis=1)
+    near = int(np.searchsorted(apart > _ROOT * trace.radii[0], True)) if len(apart) > 2 else 1
+    reach = min(max(near, 2), len(apart) - 1)
+    return trace.points[0], np.asarray(away[reach] / max(float(apart[reach]), 1e-12))

@@ -117,18 +117,18 @@ def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | Lost | None:
     outer = float(np.linalg.norm(first.outline - first.centre, axis=1).max())
     seed = np.arange(min(0.6 * outer, 0.3 * along[-1]), max(along[-1] - 1.6 * outer, 0.55 * along[-1]), max(_SPACING * radius, along[-1] / _SECTIONS))
     if len(seed) < 4:
-        return _upright(mesh, base, first)
+        return _upright(mesh, base, first, chain, outer)
     cuts, _ = squared(mesh, resampled(chain, seed), radius)
     points = _clear(cuts, base, radius)
     if len(points) < 4:
-        return _upright(mesh, base, first)
+        return _upright(mesh, base, first, chain, outer)
     step = float(lengths_along(points)[-1] / (len(points) - 1))
 
     def reaches_base(cut: Cut) -> bool:
         return _reaches(cut, base, radius)
 
-    points = marched(mesh, points, radius, step, reaches_base)
-    points = marched(mesh, points[::-1], radius, step, reaches_base)[::-1]
+    points, _ = marched(mesh, points, radius, step, reaches_base)
+    points = marched(mesh, points[::-1], radius, step, reaches_base)[0][::-1]
     tail = tangents_of(points, radius)[-1]
     area = cuts_at(mesh, np.concatenate([points[-1], tail])[None, :])[0]
     face = end_face(mesh, points[-1], tail, radius, area.area_mm2 if area else first.area_mm2)
@@ -175,11 +175,17 @@ def _just_inside(mesh: Mesh, base: Floats) -> Floats:
     return plane
 
 
-def _upright(mesh: Mesh, base: Floats, first: Cut) -> Course:
+def _upright(mesh: Mesh, base: Floats, first: Cut, chain: Floats, outer: float) -> Course | Lost:
     """A piece too short for square cuts: its axis goes straight to the farthest it reaches along the base's normal."""
     start = first.centre - base[3:] * ((first.centre - base[:3]) @ base[3:])
     face = end_face(mesh, start, base[3:], first.radius_mm, first.area_mm2)
-    return _even(mesh, np.vstack([start, run_out(mesh, start, base[3:], face, first.radius_mm)]), first.radius_mm, face)
+    end = run_out(mesh, start, base[3:], face, first.radius_mm)
+    if np.linalg.norm(end - chain[-1]) > _STRAY * outer:
+        away = chain - start
+        aside = np.linalg.norm(away - (away @ base[3:])[:, None] * base[3:], axis=1)
+        last = int(np.argmax(aside > 0.5 * outer)) if (aside > 0.5 * outer).any() else len(chain) - 1
+        return Lost(chain[last], base[3:])
+    return _even(mesh, np.vstack([start, end]), first.radius_mm, face)
 
 
 def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, area_mm2: float) -> Floats | None:
@@ -191,7 +197,7 @@ def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, are
     ahead = (mesh.centroids - point) @ direction
     aside = np.linalg.norm(mesh.centroids - point - ahead[:, None] * direction, axis=1)
     facing = mesh.normals @ direction
-    near = (facing > _FACE_COS) & (ahead > -2.0 * radius_mm) & (np.hypot(ahead, aside) < 8.0 * radius_mm)
+    near = (facing > _FACE_COS) & (ahead > -0.1 * radius_mm) & (np.hypot(ahead, aside) < 8.0 * radius_mm)
     if not near.any():
         return None
     rows = np.flatnonzero(near)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,18 +21,20 @@ class Arc:
     """Fronts in a row.  pieces : numbers in the graph   centre : (k, 3) float, mm   area_mm2 : (k,) float
 
     ends : pieces of branchings at its first and its last end, -1 where the end is free; these are among `pieces` too
+    closed : whether something else follows at its first and its last end
     """
 
     pieces: list[int]
     centre: Floats
     area_mm2: Floats
     ends: tuple[int, int]
+    closed: tuple[bool, bool]
 
 
-def arcs(graph: Fronts) -> list[Arc]:
-    """The arcs of a graph of fronts, in the order of their lowest pieces."""
-    links = _Links(graph)
-    while links.drop_spur() or links.close_hole():
+def arcs(graph: Fronts, closed: Set[int]) -> list[Arc]:
+    """The arcs of a graph of fronts, in the order of their lowest pieces.  closed : pieces at which something else follows"""
+    links = _Links(graph, closed)
+    while links.close_hole() or links.drop_spur():
         pass
     return [links.arc(row) for row in links.rows()]
 
@@ -39,8 +42,9 @@ def arcs(graph: Fronts) -> list[Arc]:
 class _Links:
     """Pieces that are left and who touches whom; centres and areas take in what was closed."""
 
-    def __init__(self, graph: Fronts) -> None:
+    def __init__(self, graph: Fronts, closed: Set[int]) -> None:
         self.graph = graph
+        self.closed = set(closed)
         self.centre, self.area = graph.centre.copy(), graph.area_mm2.copy()
         self.touching: dict[int, set[int]] = {piece: set() for piece in range(len(graph.band))}
         for low, high in graph.edges.tolist():
@@ -79,19 +83,21 @@ class _Links:
                     self.touching[other].discard(piece)
 
     def drop_spur(self) -> bool:
-        """Take out the shortest free arc that is shorter than its branching is wide."""
-        best: tuple[int, list[int]] | None = None
-        for row in self.rows():
+        """Take out the free arcs that are shorter than their branching is wide, all at once; not the longest of all."""
+        rows = self.rows()
+        longest = max(rows, key=len)
+        spurs: list[int] = []
+        for row in rows:
             free = [len(self.touching[row[k]]) == 1 for k in (0, -1)]
-            if sum(free) != 1:
+            if sum(free) != 1 or row is longest:
                 continue
-            spur = row[:-1] if free[0] else row[1:]
-            stop = row[-1] if free[0] else row[0]
-            if len(spur) * self.graph.step_mm < _SPUR * self.graph.width_mm(stop) and (best is None or len(spur) < best[0]):
-                best = (len(spur), spur)
-        if best is not None:
-            self._remove(best[1])
-        return best is not None
+            spur, stop = (row[:-1], row[-1]) if free[0] else (row[1:], row[0])
+            if len(spur) * self.graph.step_mm < _SPUR * self.graph.width_mm(stop):
+                spurs += spur
+                if not self.closed.isdisjoint(spur):
+                    self.closed.add(stop)
+        self._remove(spurs)
+        return bool(spurs)
 
     def close_hole(self) -> bool:
         """Take two arcs with the same ends for one, if they are shorter than their branching is wide."""
@@ -119,4 +125,5 @@ class _Links:
     def arc(self, row: list[int]) -> Arc:
         """A row as an arc."""
         ends = [row[k] if len(self.touching[row[k]]) > 2 or (row[0] == row[-1] and len(row) > 1) else -1 for k in (0, -1)]
-        return Arc(row, self.centre[row], self.area[row], (ends[0], ends[1]))
+        closed = [end >= 0 or row[k] in self.closed for k, end in zip((0, -1), ends, strict=True)]
+        return Arc(row, self.centre[row], self.area[row], (ends[0], ends[1]), (closed[0], closed[1]))

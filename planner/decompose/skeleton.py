@@ -167,8 +167,15 @@ def _branchings(stretches: list[Stretch], numbers: list[dict[float, int]]) -> tu
         ends = np.array([stretch.trace.points[-1 if side else 0] for _, stretch, side in members])
         turned = [Stretch(_reversed(stretch.trace) if side else stretch.trace, stretch.owner) for _, stretch, side in members]
         nodes.append([node for node, _, _ in members])
-        points.append(meeting(turned, ends.mean(axis=0)) if len(members) > 2 else ends.mean(axis=0))
+        points.append(meeting(turned, ends.mean(axis=0)) if len(members) > 2 else _bridged(turned))
     return nodes, points
+
+
+def _bridged(pair: list[Stretch]) -> Floats:
+    """The middle of the cubic that goes on from one axis into the other."""
+    (first, into_first), (second, into_second) = (root_line(stretch.trace) for stretch in pair)
+    gap = float(np.linalg.norm(second - first))
+    return np.asarray(0.5 * (first + second) - gap / 8.0 * (into_first + into_second))
 
 
 def _reversed(trace: Trace) -> Trace:

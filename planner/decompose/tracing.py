@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 _SPACING = 0.3  # of the radius, between sections
 _MOST = 1.25  # of the fronts' area: a square section that is larger has run into another limb
 _LEAST = 0.6  # of the fronts' area, which lean: a smaller section is a chip of the end, or one side of a hole
+_ASTRAY = 0.5  # of the radius: a centroid farther from all fronts' centres is that of something else
 _ALIKE = 1.1  # the same for level fronts, which do not lean
 _FLARE = 1.25  # of the radius farther on: a wider section at a root belongs to what the limb sticks out of
 _KINK_COS = float(np.cos(np.radians(25.0)))  # an axis that turns more between two sections at a root is not yet the limb's
@@ -27,8 +28,8 @@ _SECTIONS = 48  # of one limb at most
 
 _LEVELS = 16  # sections of a block
 
-End = Literal["free", "root", "joined"]
-"""What an axis meets at its end: nothing, the thing that its limb sticks out of, or another axis that goes on."""
+End = Literal["free", "root", "joined", "branching"]
+"""What an axis meets at its end: nothing, the thing that its limb sticks out of, another axis that goes on, or several."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +52,14 @@ def traced(mesh: Mesh, chain: Floats, area_mm2: Floats, ends: tuple[End, End]) -
     if along[-1] <= 0.0:
         return coarse
     clear = min(_CLEAR * radius, _CLEAR_SHARE * float(along[-1]))
-    low, high = (clear if ends[0] == "free" else 0.0), along[-1] - (clear if ends[1] == "free" else 0.0)
+    kept = {"free": clear, "branching": 0.5 * clear}
+    low, high = kept.get(ends[0], 0.0), along[-1] - kept.get(ends[1], 0.0)
     count = int(np.clip(np.ceil((high - low) / (_SPACING * radius)), 5, _SECTIONS))
     step = float((high - low) / count)
     at = np.linspace(low + 0.5 * step, high - 0.5 * step, count)
     expected = np.interp(at, along, area_mm2)
     cuts, _ = squared(mesh, resampled(chain, at), radius, _MOST * expected)
-    cuts = [cut if cut is not None and cut.area_mm2 > _LEAST * expected[k] else None for k, cut in enumerate(cuts)]
+    cuts = [cut if cut is not None and _belongs(cut, chain, float(expected[k])) else None for k, cut in enumerate(cuts)]
     rows = [k for k, cut in enumerate(cuts) if cut is not None]
     if len(rows) < 3:
         return _ended(mesh, coarse, ends, radius)
@@ -69,6 +71,12 @@ def traced(mesh: Mesh, chain: Floats, area_mm2: Floats, ends: tuple[End, End]) -
         if ends[1] == "joined":
             found = _lengthened(found, step, count - 1 - rows[-1], radius)
     return _ended(mesh, found, ends, radius, step)
+
+
+def _belongs(cut: Cut, chain: Floats, expected_mm2: float) -> bool:
+    """Whether a section is about as large as the fronts there and its centroid lies near theirs."""
+    apart = float(np.linalg.norm(chain - cut.centre, axis=1).min())
+    return cut.area_mm2 > _LEAST * expected_mm2 and apart < _ASTRAY * np.sqrt(expected_mm2 / np.pi)
 
 
 def _filled(cuts: list[Cut | None], rows: list[int]) -> Trace:
@@ -109,18 +117,26 @@ def _ended(mesh: Mesh, trace: Trace, ends: tuple[End, End], radius_mm: float, st
     """The trace, marched on both ways while sections stay alike, and at its free ends straight until it leaves the part."""
     points, radii = trace.points, trace.radii
     for end in ends[::-1]:
-        if end != "joined" and step_mm is not None and len(points) >= 4:
-            longer = marched(mesh, points, radius_mm, step_mm, lambda cut: False)
-            points, radii = longer, np.concatenate([radii, np.full(len(longer) - len(points), radii[-1])])
+        if end in ("free", "root") and step_mm is not None and len(points) >= 4:
+            points, areas = marched(mesh, points, radius_mm, step_mm, lambda cut: False)
+            radii = np.concatenate([radii, np.sqrt(areas / np.pi)])
         if end == "free" and len(points) >= 2:
             tail = tangents_of(points, radius_mm)[-1]
             cut = cuts_at(mesh, np.concatenate([points[-1], tail])[None, :])[0]
             face = end_face(mesh, points[-1], tail, radii[-1], cut.area_mm2 if cut else np.pi * radii[-1] ** 2)
             last = run_out(mesh, points[-1], tail, face, float(radii[-1]))
             if np.linalg.norm(last - points[-1]) > 1e-6:
-                points, radii = np.vstack([points, last]), np.append(radii, radii[-1])
+                points, radii = np.vstack([points, last]), np.append(radii, _radius_on(points, radii, last))
         points, radii = points[::-1], radii[::-1]
     return Trace(points, radii)
+
+
+def _radius_on(points: Floats, radii: Floats, last: Floats) -> float:
+    """Radius at a point past the last one, by the slope of the last few."""
+    few = min(4, len(points))
+    run = float(np.linalg.norm(points[-1] - points[-few]))
+    slope = (radii[-1] - radii[-few]) / run if run > 0.0 else 0.0
+    return float(np.clip(radii[-1] + slope * np.linalg.norm(last - points[-1]), 0.5 * radii[-1], 1.5 * radii[-1]))
 
 
 def traced_level(mesh: Mesh, chain: Floats, area_mm2: Floats, axis: Floats, opens: tuple[bool, bool]) -> Trace:

@@ -84,8 +84,9 @@ def test_tube_that_winds_in_space_is_followed() -> None:
     way = np.column_stack([25.0 * np.cos(turn) - 25.0, 25.0 * np.sin(turn), 14.0 * turn])
     ends = np.column_stack([-25.0 * np.sin(turn), 25.0 * np.cos(turn), 14.0 + 0.0 * turn])[[0, -1]] / np.hypot(25.0, 14.0)
     path = followed(swept(way, 4.0, ends=ends), np.concatenate([way[0], ends[0]]))
-    near = np.linalg.norm(path.axis[:, None, :] - way[None, :, :], axis=2).min(axis=1)
-    assert near.max() < 0.5  # half the distance of the points on the way is 0.53
+    fine = np.linspace(0.0, 2.2, 2000)
+    true = np.column_stack([25.0 * np.cos(fine) - 25.0, 25.0 * np.sin(fine), 14.0 * fine])
+    assert np.linalg.norm(path.axis[:, None, :] - true[None, :, :], axis=2).min(axis=1).max() < 0.06
     assert path.planes[-1, 3:] == pytest.approx(ends[1], abs=1e-6)
 
 
@@ -103,10 +104,10 @@ def test_straight_cylinder_keeps_its_planes_level() -> None:
     assert path.planes[-1, 2] == pytest.approx(30.0, abs=1e-4)
 
 
-def test_sharp_elbow_is_refused_with_the_place_of_the_corner() -> None:
-    found = path_of(united([straight([0, 0, 0], [0, 0, 24], 4.0), straight([0, 0, 20], [25, 0, 20], 4.0)]))
+def test_limb_that_folds_back_is_refused_with_the_place_of_the_corner() -> None:
+    found = path_of(united([straight([0, 0, 0], [0, 0, 24], 4.0), straight([0, 0, 20], [22, 0, 2], 4.0)]))
     assert isinstance(found, PathBreak)
-    assert np.linalg.norm(found.place - (0.0, 0.0, 20.0)) < 8.0
+    assert np.linalg.norm(found.place - (0.0, 0.0, 20.0)) < 12.0
     assert "too fast" in found.reason and "\n" not in found.reason
 
 
