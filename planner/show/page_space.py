@@ -66,7 +66,7 @@ const bones=[];for(let k=0;k<d.skeleton.length;k+=3)bones.push(unit(d.skeleton[k
 const shader=(kind,text)=>{const s=gl.createShader(kind);gl.shaderSource(s,text);gl.compileShader(s);gl.attachShader(program,s);};
 const program=gl.createProgram();
 shader(gl.VERTEX_SHADER,'attribute vec3 p,n,c;uniform mat3 t;uniform vec4 v;uniform float near;varying vec3 k;void main(){vec3 q=t*(p-v.xyz);'+
- 'float l=dot(n,n)>0.?.6+.4*max(dot(t*n,vec3(.37,-.1,.92)),0.):1.;k=c*l;gl_Position=vec4(q.x*v.w,q.y*v.w,-q.z*.25-near,1.);}');
+ 'float l=dot(n,n)>0.?.6+.4*max(dot(t*n,vec3(.3,.5,.81)),0.):1.;k=c*l;gl_Position=vec4(q.x*v.w,q.y*v.w,-q.z*.25-near,1.);}');
 shader(gl.FRAGMENT_SHADER,'precision mediump float;varying vec3 k;void main(){gl_FragColor=vec4(k,1.);}');
 gl.linkProgram(program);gl.useProgram(program);gl.enable(gl.DEPTH_TEST);
 const at=name=>gl.getUniformLocation(program,name),load=rows=>{const b=gl.createBuffer();gl.bindBuffer(gl.ARRAY_BUFFER,b);

@@ -164,13 +164,14 @@ def _draw_layer(panel: Any, plan: Plan, number: int, strokes: list[Stroke]) -> N
                     zorder=2 if thin else 3,
                 )
             )
-    for contour in layer.contours:
-        outline = flat(layer, contour.curve.evaluate(contour.curve.sample(0.02)))
+    outlines = [flat(layer, contour.curve.evaluate(contour.curve.sample(0.02))) for contour in layer.contours]
+    for outline in outlines:
         panel.plot(outline[:, 0], outline[:, 1], color="#212529", lw=1.0, zorder=4)
     if layer.overhang:
         area = _area([flat(layer, outline) for outline in layer.overhang])
         panel.add_patch(PathPatch(area, fill=False, hatch="////", ec=HANGING, lw=0.8, zorder=5))
-    points = np.vstack([flat(layer, stroke.points) for stroke in strokes]) if strokes else flat(layer, plan.bounds)
+    drawn = [*outlines, *(flat(layer, stroke.points) for stroke in strokes)]
+    points = np.vstack(drawn) if drawn else flat(layer, plan.bounds)
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.04 * float((high - low).max()) + 0.5
     panel.set_xlim(low[0] - room, high[0] + room)

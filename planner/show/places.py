@@ -48,7 +48,7 @@ def where(layer: Layer) -> str:
     """A few words: heights of a level layer; point, tilt and thickness of another one."""
     if is_level(layer):
         return f"z {layer.bottom[2]:.2f} … {layer.top[2]:.2f} mm"
-    x, y, z = (layer.bottom[:3] + 0.0).tolist()
+    x, y, z = (np.round(layer.bottom[:3], 1) + 0.0).tolist()
     least, greatest = thickness(layer)
     thick = f"{least:.2f} … {greatest:.2f}" if greatest - least >= 5e-3 else f"{least:.2f}"
     return f"at ({x:.1f}, {y:.1f}, {z:.1f}), {tilt_deg(layer):.1f}° from level, {thick} mm thick"

@@ -18,7 +18,7 @@ PIECES = ("#74a9cf", "#f0b26b", "#8cc084", "#c79bd1", "#e58f8a", "#7fc7c2", "#c9
 HANGING = "#c2255c"
 SKELETON = "#212529"
 _PIXELS = (620, 520)
-_LIGHT = np.array([0.35, -0.45, 0.82]) / np.linalg.norm([0.35, -0.45, 0.82])
+_LIGHT = np.array([0.3, 0.5, 0.81]) / np.linalg.norm([0.3, 0.5, 0.81])
 
 
 def piece_colour(number: int) -> str:
