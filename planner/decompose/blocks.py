@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planner.decompose.cutting import Body, PlaneCut
 from planner.decompose.hanging import Hanging
-from planner.decompose.members import Member, Ways, is_bar, path_on
+from planner.decompose.members import Member, Ways, may_bend, path_on
 from planner.decompose.path import AxisPath
 from planner.decompose.search import Taken, removal_order
 from planner.errors import PlanningError
@@ -105,7 +105,7 @@ def with_path(ways: Ways, block: Block) -> Block:
     leans = block.hangs.tilted_mm2 > _WORTH_TILT * 0.25 * float(block.mesh.areas.sum())
     if block.hangs.total_mm2 <= 0.0 and not leans:
         return block
-    if not is_bar(block.mesh.volume, block.joint_mm2, block.mesh.diagonal):
+    if not may_bend(block.mesh, block.joint_mm2, block.hangs.total_mm2, block.hangs.tilted_mm2):
         return block
     path = path_on(block.body, block.base, ways)
     if path is None:

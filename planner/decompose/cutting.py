@@ -100,18 +100,23 @@ class PlaneCut:
 
         A node is a vertex of the mesh, or len(vertices) + the lower half-edge of a crossed edge.
         """
-        now, after, third = self._sides, np.roll(self._sides, -1, axis=1), np.roll(self._sides, -2, axis=1)
-        own = np.arange(3 * len(now)).reshape(-1, 3)
-        edge = len(self.mesh.vertices) + np.minimum(own, np.where(self._mate >= 0, self._mate, own))
-        ahead = np.roll(self.mesh.facets, -1, axis=1)
-        leaves = np.where((now > 0) & (after < 0), edge, np.where((now > 0) & (after == 0) & (third < 0), ahead, -1))
-        returns = np.where((now < 0) & (after > 0), edge, np.where((now == 0) & (after > 0) & (third < 0), self.mesh.facets, -1))
-        return leaves.max(axis=1), returns.max(axis=1)
+        leaves, returns = np.full(len(self._sides), -1), np.full(len(self._sides), -1)
+        rows = np.flatnonzero(self._crossed)
+        now, facets, mate = self._sides[rows], self.mesh.facets[rows], self._mate[rows]
+        after, third, ahead = np.roll(now, -1, axis=1), np.roll(now, -2, axis=1), np.roll(facets, -1, axis=1)
+        own = 3 * rows[:, None] + np.arange(3)
+        edge = len(self.mesh.vertices) + np.minimum(own, np.where(mate >= 0, mate, own))
+        out = np.where((now > 0) & (after < 0), edge, np.where((now > 0) & (after == 0) & (third < 0), ahead, -1))
+        back = np.where((now < 0) & (after > 0), edge, np.where((now == 0) & (after > 0) & (third < 0), facets, -1))
+        leaves[rows], returns[rows] = out.max(axis=1), back.max(axis=1)
+        return leaves, returns
 
     def _surfaces(self) -> Ints:
         """(m,) int   Connected surface beyond the plane that each facet belongs to; -1 for the others."""
-        over = (self._sides > 0) | (np.roll(self._sides, -1, axis=1) > 0) | ~self._crossed[:, None]
-        joined = self._beyond[:, None] & over & (self._mate >= 0)
+        joined = self._beyond[:, None] & (self._mate >= 0)
+        rows = np.flatnonzero(self._crossed)
+        sides = self._sides[rows]
+        joined[rows] &= (sides > 0) | (np.roll(sides, -1, axis=1) > 0)
         joined &= self._beyond[np.maximum(self._mate, 0) // 3]
         surface, _ = pieces_of(np.where(joined, self._mate, -1).ravel().astype(np.int32))
         return np.where(self._beyond, surface, -1)
@@ -193,8 +198,11 @@ class PlaneCut:
         return np.asarray(points - np.where(lies, off, 0.0)[:, None] * self.plane[3:])
 
     def _assembled(self, triangles: list[Ints], sources: list[Ints]) -> Body:
-        nodes, renumbered = np.unique(np.concatenate(triangles), return_inverse=True)
-        mesh = Mesh(self._placed(nodes), renumbered.reshape(-1, 3))
+        corners = np.concatenate(triangles)
+        used = np.zeros(len(self.mesh.vertices) + 3 * len(self.mesh.facets), dtype=np.bool_)
+        used[corners.ravel()] = True
+        nodes = np.flatnonzero(used)
+        mesh = Mesh(self._placed(nodes), (np.cumsum(used) - 1)[corners])
         rows = np.concatenate(sources).astype(np.int64)
         source = np.where(rows >= 0, self._source[np.maximum(rows, 0)], -1)
         return _without_sheets(Body(mesh, source), FLAT_FRACTION * self.mesh.diagonal)

@@ -93,7 +93,9 @@ def hanging(mesh: Mesh, base: Floats, cap: Flags | None, limits: Limits, spared:
     free = (run[mesh.facets] > limits.reach_mm).mean(axis=1)
     level = looks & (facing < -np.sin(np.radians(limits.tilted_deg)) - 1e-9)
     weights[looks] = (area * free)[looks]
-    weights = _patches(mesh, np.where(level, area, weights), looks & (level | (free > 0.0)), level, free, limits)
+    hangs = looks & (level | (free > 0.0))
+    if hangs.any():
+        weights = _patches(mesh, np.where(level, area, weights), hangs, level, free, limits)
     tilted = np.where(looks, area, 0.0) - weights
     top = height[mesh.facets].max(axis=1)
     foot = looks & (top < limits.foot_mm * -facing) if cap is None else np.zeros(len(looks), dtype=np.bool_)
@@ -102,17 +104,23 @@ def hanging(mesh: Mesh, base: Floats, cap: Flags | None, limits: Limits, spared:
 
 def _patches(mesh: Mesh, weights: Floats, hangs: Flags, level: Flags, free: Floats, limits: Limits) -> Floats:
     """Weights without those of connected patches that are small, or level, carried and narrow."""
-    mate = mesh.across.reshape(-1, 3).astype(np.int64)
-    joined = hangs[:, None] & (mate >= 0) & hangs[np.maximum(mate, 0) // 3]
-    patch, count = pieces_of(np.where(joined, mate, -1).ravel().astype(np.int32))
-    area = np.bincount(patch, weights=np.where(hangs, weights, 0.0), minlength=count)
-    edges = np.linalg.norm(np.roll(mesh.corners, -1, axis=1) - mesh.corners, axis=2)
+    rows = np.flatnonzero(hangs)
+    mate = mesh.across.reshape(-1, 3)[rows].astype(np.int64)
+    local = np.full(len(hangs), -1)
+    local[rows] = np.arange(len(rows))
+    joined = (mate >= 0) & hangs[np.maximum(mate, 0) // 3]
+    across = np.where(joined, 3 * local[np.maximum(mate, 0) // 3] + mate % 3, -1)
+    patch, count = pieces_of(across.ravel().astype(np.int32))
+    own, corners = weights[rows], mesh.corners[rows]
+    area = np.bincount(patch, weights=own, minlength=count)
+    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     rim = np.bincount(patch, weights=np.where(joined, 0.0, edges).sum(axis=1), minlength=count)
-    narrow = 2.0 * area <= 2.0 * limits.reach_mm * rim
-    only_level = np.bincount(patch, weights=(hangs & ~level).astype(np.float64), minlength=count) == 0
-    loose = np.bincount(patch, weights=np.where(hangs, weights * free, 0.0), minlength=count) > _CLOSED * area
-    fine = ((area < limits.patch_mm2) & ~loose) | (narrow & only_level & (area < limits.reach_mm * rim))
-    return np.asarray(np.where(hangs & ~fine[patch], weights, 0.0))
+    only_level = np.bincount(patch, weights=(~level[rows]).astype(np.float64), minlength=count) == 0
+    loose = np.bincount(patch, weights=own * free[rows], minlength=count) > _CLOSED * area
+    fine = ((area < limits.patch_mm2) & ~loose) | (only_level & (area < limits.reach_mm * rim))
+    kept = np.zeros(len(hangs))
+    kept[rows] = np.where(fine[patch], 0.0, own)
+    return kept
 
 
 @njit(cache=True)

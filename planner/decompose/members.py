@@ -28,6 +28,8 @@ _SAME_DIRECTION = 1e-3
 _ON_BASE_MM = 0.05  # facets within this of the base plane lie on it
 _BEGIN = 0.08  # of the axis' length, over which its first direction is taken
 _CORNER_DEG = 40.0  # off the base's direction: with the head tilted by that and the material's own lean the start still holds
+_LEANS_FIRST = 0.3  # of what hangs: a bent bar leans more and more before its underside is level
+_WORTH_MM2 = 0.5  # less is rounding
 _LEAST_BAR = 1.25  # length over width
 _LEAST_SHARE = 1e-4  # of the part's volume: less is no member
 _MOST_PLANES = 160  # that are cut in search of members
@@ -124,10 +126,15 @@ def _member(ways: Ways, cut: PlaneCut, number: int) -> Member | None:
     return Member(cut.plane, share, volume, cut.cap_mm2(number), hangs, stands.tilted_mm2, body)
 
 
-def is_bar(volume_mm3: float, joint_mm2: float, diagonal_mm: float) -> bool:
-    """Whether a body's bulk is that of a bar on its joint, straight or bent by no more than half a turn, longer than wide."""
-    if joint_mm2 <= 0.0:
+def may_bend(mesh: Mesh, joint_mm2: float, hangs_mm2: float, tilted_mm2: float) -> bool:
+    """Whether it is worth to look for a path.
+
+    The body leans before it hangs, and its bulk is that of a bar on its joint, bent by no more than half a turn and longer
+    than wide.
+    """
+    if joint_mm2 <= 0.0 or tilted_mm2 < max(_LEANS_FIRST * hangs_mm2, _WORTH_MM2):
         return False
+    volume_mm3, diagonal_mm = mesh.volume, mesh.diagonal
     length = volume_mm3 / joint_mm2
     width = 2.0 * float(np.sqrt(joint_mm2 / np.pi))
     return _LEAST_BAR * width < length < 0.5 * np.pi * diagonal_mm

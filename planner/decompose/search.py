@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.decompose.members import MOST_TURNED_COS, Member, Ways, is_bar, path_of
+from planner.decompose.members import MOST_TURNED_COS, Member, Ways, may_bend, path_of
 from planner.decompose.path import AxisPath
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ class Search:
             member = self.members[number]
             if float(member.direction @ direction) <= _SAME_COS:
                 offers.append((self._gain(self._free(number, depth), left, used), number, False))
-            if self._may_bend(member):
+            if may_bend(member.body.mesh, member.joint_mm2, float(member.hangs.sum()), member.tilted_mm2):
                 offers.append((self._gain(Taken(member), left, used, bends=True), number, True))
         offers.sort(key=lambda offer: (-round(offer[0], 9), offer[2], offer[1]))
         for gain, number, bends in offers:
@@ -137,12 +137,6 @@ class Search:
                 found = Taken(member, tuple(off), None, left)
         self._freed[number] = found
         return found
-
-    def _may_bend(self, member: Member) -> bool:
-        """Whether it is worth to look for a path: it would lean or hang, and its bulk is that of a bent bar on its joint."""
-        if float(member.hangs.sum()) + member.tilted_mm2 <= _WORTH_MM2:
-            return False
-        return is_bar(member.volume_mm3, member.joint_mm2, member.body.mesh.diagonal)
 
     def _path(self, member: Member) -> AxisPath | None:
         key = id(member)
