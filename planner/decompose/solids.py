@@ -13,6 +13,8 @@ from planner.mesh.mesh import Mesh
 
 Floats = NDArray[np.float64]
 
+_SAME_MM = 1e-4  # corners of a section nearer to a straight side are rounding
+
 
 def solid_of(mesh: Mesh) -> manifold3d.Manifold:
     """A closed mesh as a solid.  Raises PlanningError if it encloses none."""
@@ -67,24 +69,23 @@ def under(mesh: Mesh, facets: NDArray[np.int64], floor_mm: float) -> manifold3d.
 
 def silhouette(solid: manifold3d.Manifold) -> MultiPolygon:
     """What a solid covers, seen along z, mm."""
-    seen = manifold3d.CrossSection(solid.project().to_polygons(), manifold3d.FillRule.Positive)
-    found: list[Polygon] = []
-    for piece in seen.decompose():
-        rings = sorted((np.asarray(ring) for ring in piece.to_polygons()), key=lambda ring: -Polygon(ring).area)
-        found.append(shapely.make_valid(Polygon(rings[0], rings[1:])))
-    return polygons(shapely.union_all(found)) if found else MultiPolygon()
+    return _area_of(manifold3d.CrossSection(solid.project().to_polygons(), manifold3d.FillRule.Positive))
 
 
 def section(solid: manifold3d.Manifold, height_mm: float) -> MultiPolygon:
     """What a solid has at a height, mm."""
-    cut = solid.slice(height_mm)
-    if cut.is_empty():
-        return MultiPolygon()
+    return _area_of(solid.slice(height_mm))
+
+
+def _area_of(flat: manifold3d.CrossSection) -> MultiPolygon:
+    """A flat section as regions with holes."""
     pieces: list[Polygon] = []
-    for piece in cut.decompose():
+    for piece in flat.simplify(_SAME_MM).decompose():
         rings = sorted((np.asarray(ring) for ring in piece.to_polygons()), key=lambda ring: -Polygon(ring).area)
-        pieces.append(shapely.make_valid(Polygon(rings[0], rings[1:])))
-    return polygons(shapely.union_all(pieces))
+        if rings:
+            pieces.append(Polygon(rings[0], rings[1:]))
+    whole = MultiPolygon(pieces)
+    return whole if whole.is_valid else polygons(shapely.union_all([shapely.make_valid(piece) for piece in pieces]))
 
 
 def polygons(shape: shapely.Geometry) -> MultiPolygon:

@@ -41,3 +41,10 @@ def hollow() -> Mesh:
     inner = trimesh.creation.box(bounds=((-10.0, -10.0, 5.0), (10.0, 10.0, 20.0)))
     inner.invert()
     return Mesh.from_trimesh(trimesh.util.concatenate([outer, inner]))
+
+
+def high_bridge() -> Mesh:
+    """A lintel of 30 x 8 x 5 mm on two piers of 6 x 8 x 32 mm: 18 x 8 mm of it hang, high enough for a level cutter."""
+    return _body(
+        ((-15.0, -4.0, 0.0), (-9.0, 4.0, 32.0)), ((9.0, -4.0, 0.0), (15.0, 4.0, 32.0)), ((-15.0, -4.0, 32.0), (15.0, 4.0, 37.0))
+    )
