@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from config import ConfigError, Facts, parse_facts, read_facts
 from config.base import Finite, Fraction, NotNegative, Positive
@@ -19,6 +19,13 @@ class Cut(Facts):
     normal: tuple[Finite, Finite, Finite]
     direction: tuple[Finite, Finite, Finite] | None = Field(None, description="in which the piece beyond is built; none: the normal")
     order: int | None = Field(None, ge=2, description="place in the building order, 1 is what stands on the substrate; none: as found")
+
+    @model_validator(mode="after")
+    def _has_directions(self) -> Cut:
+        for name, vector in (("normal", self.normal), ("direction", self.direction)):
+            if vector is not None and not any(abs(value) > 1e-9 for value in vector):
+                raise ValueError(f"{name}: asked (0, 0, 0), it needs a length")
+        return self
 
 
 class Recipe(Facts):
@@ -39,7 +46,9 @@ class Recipe(Facts):
     decompose: Literal["auto", "never"] = Field("auto", description="cut the part into subcomponents where one direction is not enough")
     cuts: tuple[Cut, ...] = Field((), description="cutting planes to use instead of those that the planner would find")
     axis_layers: Literal["auto", "never"] = Field("auto", description="layers turn with the centroidal axis where the part bends")
-    overhang: Literal["tilt", "upright"] = Field("tilt", description="head along the side surface over overhangs, or always along the layer's direction")
+    overhang: Literal["tilt", "upright"] = Field(
+        "tilt", description="head along the side surface over overhangs, or always along the layer's direction"
+    )
     support: Literal["auto", "never"] = Field("auto", description="sacrificial metal under what no direction can make")
     substrate_mm: tuple[Positive, Positive] = Field((120.0, 120.0), description="of the plate, for what head and cutter can reach beside it")
     shift_mm: tuple[Finite, Finite] | Literal["auto"] = Field(
@@ -64,6 +73,17 @@ class Recipe(Facts):
     cutter_diameter_mm: Positive | None = None
     small_cutter_diameter_mm: Positive | None = Field(None, description="for what the cutter does not reach: gaps, inside corners, small bores")
     cutter_teeth: int = Field(4, ge=1, le=12, description="of the cutter: the feed is teeth x feed per tooth x speed")
+
+    @model_validator(mode="after")
+    def _cuts_agree(self) -> Recipe:
+        if self.cuts and self.decompose == "never":
+            raise ValueError("cuts: there are some, but decompose = never: leave one of them out")
+        if self.cuts and self.process == "mill":
+            raise ValueError("cuts: a part that is milled from a block is not built in pieces: leave them out")
+        orders = [cut.order for cut in self.cuts if cut.order is not None]
+        if len(set(orders)) < len(orders):
+            raise ValueError("cuts: two of them ask for the same order, each place is taken once")
+        return self
 
 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:

@@ -50,7 +50,7 @@ def assemble(
             piece,
             number,
             len(layers),
-            Standing.before(pieces, number, settings.recipe.substrate_mm) if number else None,
+            _standing(pieces, number, settings),
             settings,
             division.build_from_part,
             on_layer,
@@ -64,6 +64,13 @@ def assemble(
     return Assembly(
         tuple(layers), tuple(subcomponents), setups, tuple(findings), _volumes(pieces, made, settings)
     )
+
+
+def _standing(pieces: tuple[Piece, ...], number: int, settings: Settings) -> Standing | None:
+    """What stands before a piece; None where that is the plate straight below a piece that grows straight up."""
+    if number == 0 and pieces[0].path is None:
+        return None
+    return Standing.before(pieces, number, settings.recipe.substrate_mm)
 
 
 def make_piece(work: Work) -> Made:

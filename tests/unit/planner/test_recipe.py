@@ -92,3 +92,29 @@ def test_bead_that_cannot_be_low_enough_is_the_nearest_one() -> None:
     bead = settings.bead_for(0.3)
     assert bead.laser_w == settings.material.deposition.laser_w.max
     assert bead.height_mm > 0.3 * 1.08
+
+
+CUT = "[[cuts]]\npoint_mm = [0.0, 0.0, 1.0]\nnormal = [0.0, 0.0, 1.0]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (CUT.replace("normal = [0.0, 0.0, 1.0]", "normal = [0.0, 0.0, 0.0]"), ["normal", "length"]),
+        (CUT + "direction = [0.0, 0.0, 0.0]\n", ["direction", "length"]),
+        ('decompose = "never"\n' + CUT, ["cuts", "decompose"]),
+        ('process = "mill"\n' + CUT, ["cuts", "milled"]),
+        ((CUT + "order = 2\n") * 2, ["cuts", "same order"]),
+        (CUT + "order = 1\n", ["order", "2"]),
+    ],
+)
+def test_cuts_that_cannot_be_are_refused_with_one_line(text: str, words: list[str]) -> None:
+    with pytest.raises(RecipeError) as refused:
+        parse_recipe(text)
+    assert "\n" not in str(refused.value)
+    assert all(word in str(refused.value) for word in words)
+
+
+def test_cuts_are_taken_as_they_are_given() -> None:
+    (cut,) = parse_recipe(CUT + "direction = [0.0, 1.0, 1.0]\norder = 3\n").cuts
+    assert (cut.point_mm, cut.normal, cut.direction, cut.order) == ((0, 0, 1), (0, 0, 1), (0, 1, 1), 3)
