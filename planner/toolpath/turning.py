@@ -16,7 +16,7 @@ from planner.plan import Operation
 from planner.process import Bead, Settings
 from planner.slicing.turning import TurnedLayer
 from planner.toolpath.beside import Stands
-from planner.toolpath.cut import BULGE, Left, face_operation, left_findings
+from planner.toolpath.cut import BULGE, Left, faced, left_findings
 from planner.toolpath.deposit import THINNEST, Dropped, dropped_findings, grown_region, outside_mm
 from planner.toolpath.order import RUNS_DOWN
 from planner.toolpath.placed import in_build
@@ -139,10 +139,12 @@ def _faced(layer: TurnedLayer, bead: Bead, state: _State) -> list[Operation]:
     metal = shapely.transform(outset(grown_region(region, bead, settings), BULGE * bead.width_mm, 0.01), carried)
     level = replace(region, z_bottom=-region.height_mm, z_top=0.0)
     stands = state.stands_in(layer.build_from_top) if state.stands_in is not None else None
-    operation = face_operation(metal, level, state.above_mm, settings, stands=stands)
+    left: list[Left] = []
+    operations = faced(metal, level, state.above_mm, settings, stands, left)
+    state.left.extend(replace(item, z_bottom=region.index, z_top=region.index + 1) for item in left)
     state.above_mm, state.unfaced = 0.0, 0
     layer_from_top = np.asarray(np.linalg.inv(top_from_layer))
-    return [in_build(operation, layer_from_top)] if operation is not None else []
+    return [in_build(operation, layer_from_top) for operation in operations]
 
 
 def _milled(made: TurnedBand, state: _State) -> list[Operation]:
@@ -187,7 +189,7 @@ def _findings(state: _State) -> tuple[str, ...]:
             f"nothing can be deposited: all walls are thinner than {THINNEST * width:.2f} mm, {THINNEST:g} of the bead's width",
             "choose less power, more speed or a larger stock allowance",
         )
-    found = [*dropped_findings(state.dropped), *left_findings(state.left, state.settings)]
+    found = [*dropped_findings(state.dropped), *left_findings(state.left, state.settings, by_layer=True)]
     uniform = [number for number, made in enumerate(state.laid) if made.is_uniform]
     if uniform:
         found.append(
