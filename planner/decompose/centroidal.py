@@ -44,6 +44,11 @@ class Cut:
         frame = plane_frame(self.plane)
         return np.asarray(frame[0] + np.asarray(self.region.exterior.coords)[:-1] @ frame[1:3])
 
+    @property
+    def outer_mm(self) -> float:
+        """Greatest distance of the outer boundary from the centroid."""
+        return float(np.linalg.norm(self.outline - self.centre, axis=1).max())
+
 
 def cuts_at(mesh: Mesh, planes: Floats) -> list[Cut | None]:
     """The region of each plane's section that holds the plane's point, bores filled; else the nearest; None where empty.

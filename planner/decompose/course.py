@@ -114,7 +114,7 @@ def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | Lost | None:
     if first is None:
         return None
     along, radius = lengths_along(chain), first.radius_mm
-    outer = float(np.linalg.norm(first.outline - first.centre, axis=1).max())
+    outer = first.outer_mm
     seed = np.arange(min(0.6 * outer, 0.3 * along[-1]), max(along[-1] - 1.6 * outer, 0.55 * along[-1]), max(_SPACING * radius, along[-1] / _SECTIONS))
     if len(seed) < 4:
         return _upright(mesh, base, first, chain, outer)
@@ -131,9 +131,9 @@ def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | Lost | None:
     points = marched(mesh, points[::-1], radius, step, reaches_base)[0][::-1]
     tail = tangents_of(points, radius)[-1]
     area = cuts_at(mesh, np.concatenate([points[-1], tail])[None, :])[0]
-    face = end_face(mesh, points[-1], tail, radius, area.area_mm2 if area else first.area_mm2)
+    face = end_face(mesh, points[-1], tail, area or first)
     start = first.centre - base[3:] * ((first.centre - base[:3]) @ base[3:])
-    end = run_out(mesh, points[-1], tail, face, radius)
+    end = run_out(mesh, points[-1], tail, face, outer)
     if np.linalg.norm(end - chain[-1]) > _STRAY * outer:
         return Lost(points[-1], tail)
     if np.linalg.norm(start - points[0]) > _STRAY * outer:
@@ -178,8 +178,8 @@ def _just_inside(mesh: Mesh, base: Floats) -> Floats:
 def _upright(mesh: Mesh, base: Floats, first: Cut, chain: Floats, outer: float) -> Course | Lost:
     """A piece too short for square cuts: its axis goes straight to the farthest it reaches along the base's normal."""
     start = first.centre - base[3:] * ((first.centre - base[:3]) @ base[3:])
-    face = end_face(mesh, start, base[3:], first.radius_mm, first.area_mm2)
-    end = run_out(mesh, start, base[3:], face, first.radius_mm)
+    face = end_face(mesh, start, base[3:], first)
+    end = run_out(mesh, start, base[3:], face, outer)
     if np.linalg.norm(end - chain[-1]) > _STRAY * outer:
         away = chain - start
         aside = np.linalg.norm(away - (away @ base[3:])[:, None] * base[3:], axis=1)
@@ -188,7 +188,7 @@ def _upright(mesh: Mesh, base: Floats, first: Cut, chain: Floats, outer: float) 
     return _even(mesh, np.vstack([start, end]), first.radius_mm, face)
 
 
-def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, area_mm2: float) -> Floats | None:
+def end_face(mesh: Mesh, point: Floats, direction: Floats, section: Cut) -> Floats | None:
     """The flat face (6,) with its outward normal that ends a piece ahead of a point on its axis; None where it is not flat.
 
     Flat: facets within 3 degrees and 0.02 of the radius of one plane make up most of the last section's area, and the
@@ -197,7 +197,8 @@ def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, are
     ahead = (mesh.centroids - point) @ direction
     aside = np.linalg.norm(mesh.centroids - point - ahead[:, None] * direction, axis=1)
     facing = mesh.normals @ direction
-    near = (facing > _FACE_COS) & (ahead > -0.1 * radius_mm) & (np.hypot(ahead, aside) < 8.0 * radius_mm)
+    radius_mm, outer_mm = section.radius_mm, section.outer_mm
+    near = (facing > _FACE_COS) & (ahead > -0.1 * radius_mm) & (ahead < 4.0 * outer_mm) & (aside < 1.1 * outer_mm)
     if not near.any():
         return None
     rows = np.flatnonzero(near)
@@ -218,10 +219,10 @@ def end_face(mesh: Mesh, point: Floats, direction: Floats, radius_mm: float, are
         total = float(areas[flat].sum())
         if total > 1.001 * most:
             best, most = np.concatenate([place, normal]), total
-    return best if best is not None and most > _FACE_SHARE * area_mm2 else None
+    return best if best is not None and most > _FACE_SHARE * section.area_mm2 else None
 
 
-def run_out(mesh: Mesh, point: Floats, direction: Floats, face: Floats | None, radius_mm: float) -> Floats:
+def run_out(mesh: Mesh, point: Floats, direction: Floats, face: Floats | None, outer_mm: float) -> Floats:
     """Where the axis, carried on straight, meets the end face or the farthest that the piece reaches near it."""
     if face is not None:
         slope = float(direction @ face[3:])
@@ -229,7 +230,7 @@ def run_out(mesh: Mesh, point: Floats, direction: Floats, face: Floats | None, r
     away = mesh.vertices - point
     ahead = away @ direction
     aside = np.linalg.norm(away - ahead[:, None] * direction, axis=1)
-    cone = (ahead > 0.0) & (aside < 2.0 * ahead + 1.5 * radius_mm)
+    cone = (ahead > 0.0) & (aside < 1.1 * outer_mm + 0.3 * ahead)
     return np.asarray(point + direction * (float(ahead[cone].max()) if cone.any() else 0.0))
 
 

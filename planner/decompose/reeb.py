@@ -83,20 +83,28 @@ class _Links:
                     self.touching[other].discard(piece)
 
     def drop_spur(self) -> bool:
-        """Take out the free arcs that are shorter than their branching is wide, all at once; not the longest of all."""
+        """Take out the free arcs that are shorter than their branching is wide, all at once; not the longest of all.
+
+        Nor one that goes on where all but one of the arcs at its branching are such, if it is twice as long as the others.
+        """
         rows = self.rows()
         longest = max(rows, key=len)
-        spurs: list[int] = []
+        spurs: dict[int, list[list[int]]] = {}
         for row in rows:
             free = [len(self.touching[row[k]]) == 1 for k in (0, -1)]
             if sum(free) != 1 or row is longest:
                 continue
             spur, stop = (row[:-1], row[-1]) if free[0] else (row[1:], row[0])
             if len(spur) * self.graph.step_mm < _SPUR * self.graph.width_mm(stop):
-                spurs += spur
+                spurs.setdefault(stop, []).append(spur)
+        for stop, found in spurs.items():
+            found.sort(key=len)
+            if len(found) == len(self.touching[stop]) - 1 and len(found) > 1 and len(found[-1]) >= 2 * len(found[-2]):
+                found.pop()
+            for spur in found:
                 if not self.closed.isdisjoint(spur):
                     self.closed.add(stop)
-        self._remove(spurs)
+                self._remove(spur)
         return bool(spurs)
 
     def close_hole(self) -> bool:

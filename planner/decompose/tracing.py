@@ -123,8 +123,8 @@ def _ended(mesh: Mesh, trace: Trace, ends: tuple[End, End], radius_mm: float, st
         if end == "free" and len(points) >= 2:
             tail = tangents_of(points, radius_mm)[-1]
             cut = cuts_at(mesh, np.concatenate([points[-1], tail])[None, :])[0]
-            face = end_face(mesh, points[-1], tail, radii[-1], cut.area_mm2 if cut else np.pi * radii[-1] ** 2)
-            last = run_out(mesh, points[-1], tail, face, float(radii[-1]))
+            face = end_face(mesh, points[-1], tail, cut) if cut else None
+            last = run_out(mesh, points[-1], tail, face, cut.outer_mm if cut else 1.5 * float(radii[-1]))
             if np.linalg.norm(last - points[-1]) > 1e-6:
                 points, radii = np.vstack([points, last]), np.append(radii, _radius_on(points, radii, last))
         points, radii = points[::-1], radii[::-1]
@@ -149,8 +149,9 @@ def traced_level(mesh: Mesh, chain: Floats, area_mm2: Floats, axis: Floats, open
     reach = 2.0 * float(np.abs(np.diff(chain @ axis)).max(initial=0.0))
     for is_open, way in ((opens[1], axis), (opens[0], -axis)):
         if is_open:
-            face = end_face(mesh, points[-1], way, float(radii[-1]), float(np.pi * radii[-1] ** 2))
-            last = run_out(mesh, points[-1], way, face, float(radii[-1]))
+            cut = cuts_at(mesh, np.concatenate([points[-1], way])[None, :])[0]
+            face = end_face(mesh, points[-1], way, cut) if cut else None
+            last = run_out(mesh, points[-1], way, face, cut.outer_mm if cut else 1.5 * float(radii[-1]))
             last = points[-1] + way * min(float((last - points[-1]) @ way), reach)
             points, radii = np.vstack([points, last]), np.append(radii, radii[-1])
         points, radii = points[::-1], radii[::-1]

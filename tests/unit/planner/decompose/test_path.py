@@ -112,7 +112,7 @@ def test_limb_that_folds_back_is_refused_with_the_place_of_the_corner() -> None:
 
 
 def test_bend_tighter_than_its_thickness_allows_is_refused() -> None:
-    legs = np.vstack([[(0, 0, z) for z in np.linspace(0, 18, 10)], arc(7.0, 170.0)[1:] + (0, 0, 20)])
+    legs = np.vstack([[(0, 0, z) for z in np.linspace(0, 18, 10)], np.add(arc(7.0, 170.0)[1:], (0, 0, 20))])
     end = np.array([np.sin(np.radians(170.0)), 0.0, np.cos(np.radians(170.0))])
     way = np.vstack([legs, legs[-1] + np.linspace(2.0, 10.0, 5)[:, None] * end])
     found = path_of(swept(way, 6.0, ends=[(0, 0, 1), end]))
