@@ -67,7 +67,9 @@ def ruled_motions(
     stands = np.vstack([low, high, *(_ends_of(other) for other in others)])
     motions = []
     for leave in wall_offsets(excess_mm, settings.material.milling.radial_depth_mm):
-        under = below_mm if depth_at is None else depth_at(low + (radius + leave) * normal, axis, normal, radius + leave)
+        under = (
+            below_mm if depth_at is None else depth_at(low + (radius + leave) * normal, axis, normal, radius + leave)
+        )
         tip = low + (radius + leave) * normal - (under / axis[:, 2])[:, None] * axis
         if floor_z is not None:
             dip = radius * np.hypot(axis[:, 0], axis[:, 1])
