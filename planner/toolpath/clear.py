@@ -28,6 +28,7 @@ _COARSE_MM = 4.0  # levels by which directions are compared
 _FINE_MM = 2.0  # levels by which it is told what one direction reaches
 _MOST = 8  # directions that a support is cleared from
 _WORTH = 0.03  # of the support: what a further direction must take away
+_BODY = 0.01  # of the support: smaller bodies that a direction reaches by chance are not worth its levels
 _LEFT_MM3 = 1.0  # less metal than this is rounding
 NOTE = "support"
 
@@ -94,7 +95,7 @@ def clearing(
             if chosen is None:
                 break
             seen.remove(chosen)
-            done, metal = _cleared(chosen, keep, metal, excess)
+            done, metal = _cleared(chosen, keep, metal, excess, _BODY * whole.volume())
             if done is not None:
                 found.append(done)
     left = float(metal.volume())
@@ -134,17 +135,22 @@ def _best(seen: Sequence[Access], metal: manifold3d.Manifold, worth_mm3: float) 
 
 
 def _cleared(
-    access: Access, keep: tuple[manifold3d.Manifold, manifold3d.Manifold], metal: manifold3d.Manifold, excess_mm: float
+    access: Access,
+    keep: tuple[manifold3d.Manifold, manifold3d.Manifold],
+    metal: manifold3d.Manifold,
+    excess_mm: float,
+    least_mm3: float,
 ) -> tuple[Clearing | None, manifold3d.Manifold]:
     """What is milled from one direction, and the metal that stays.
 
     What the direction does not reach is left alone, so that no levels are spent on it, and kept clear of like the plate.
+    least_mm3 : smaller bodies of metal are no goal.
     """
     settings = access.settings
     access.take(metal)
     levels = access.levels(_FINE_MM)
     stuck = access.without(levels, access.left_at(levels))
-    bodies = [body for body in (metal - stuck).decompose() if body.volume() > _LEFT_MM3]
+    bodies = [body for body in (metal - stuck).decompose() if body.volume() > max(least_mm3, _LEFT_MM3)]
     if not bodies:
         return None, metal
     goal = manifold3d.Manifold.batch_boolean(bodies, manifold3d.OpType.Add)

@@ -11,13 +11,10 @@ from shapely import MultiPolygon
 
 from planner.decompose.solids import polygons
 from planner.nurbs.offset import inset, outset
-from planner.nurbs.rings import curves_from_region
 from planner.plan import Pass
 from planner.process import Settings
 from planner.toolpath.access import Access
-from planner.toolpath.contour import PATH_TOLERANCE_MM
-from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
-from planner.toolpath.side import stretches_within
+from planner.toolpath.motion import Motion, joined, process_pass, straight
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +24,9 @@ _ENTRY_MM = 1.0  # air before the metal where a stretch begins
 _HALVINGS = 5  # of a level's step: to a tenth of a millimetre
 _SAME_MM2 = 0.01
 _TOUCHES_MM = 0.1  # surfaces of the part this near to the metal are finished here
-_CHORD_MM = 0.01
+_CHORD_MM = 5e-3
+_SPACING_MM = 0.5  # of points by which it is told where an outline comes into reach: half of the air before the metal
+_STRAIGHT_MM = 1e-4
 _GRID_MM = 1e-4
 
 
@@ -96,12 +95,32 @@ def _level(metal: MultiPolygon, keep: MultiPolygon, z: float, settings: Settings
     reach = outset(metal, radius + _ENTRY_MM, _CHORD_MM)
     near = polygons(shapely.intersection(keep, outset(reach, 2.0 * radius, 0.05), grid_size=_GRID_MM))
     motions = [
-        motion
+        straight(np.column_stack([path, np.full(len(path), z)]))
         for ring in _rings(metal, near, settings)
-        for outline in curves_from_region(ring, PATH_TOLERANCE_MM)
-        for motion in stretches_within(lifted(outline.curve.reversed(), z), reach)
+        for path in _stretches(ring, reach)
     ]
     return _chained(motions, metal, near, settings)
+
+
+def _stretches(ring: MultiPolygon, reach: MultiPolygon) -> list[Floats]:
+    """(n, 2) float, mm, each   What of a region's outline lies in reach, the region on its right (climb milling)."""
+    shapely.prepare(reach)
+    found: list[Floats] = []
+    for piece in ring.geoms:
+        turned = shapely.geometry.polygon.orient(piece, -1.0)
+        for outline in (turned.exterior, *turned.interiors):
+            points = shapely.get_coordinates(shapely.segmentize(outline, _SPACING_MM))
+            inside = shapely.contains_xy(reach, points[:, 0], points[:, 1])
+            if not inside.all() and inside.any():
+                first = int(np.flatnonzero(~inside)[0])
+                points = np.vstack([points[first:-1], points[: first + 1]])
+                inside = np.concatenate([inside[first:-1], inside[: first + 1]])
+            ends = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
+            for start, end in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True):
+                if end - start >= 2:
+                    line = shapely.LineString(points[start:end]).simplify(_STRAIGHT_MM)
+                    found.append(shapely.get_coordinates(line))
+    return found
 
 
 def _rings(metal: MultiPolygon, keep: MultiPolygon, settings: Settings) -> list[MultiPolygon]:
@@ -139,8 +158,8 @@ def _chained(motions: list[Motion], metal: MultiPolygon, keep: MultiPolygon, set
             passes.append(process_pass(joined(chain), row))
             chain = []
         chain.append(motion)
-        path = shapely.LineString(motion.tip.evaluate(motion.tip.sample(0.05))[:, :2])
-        left = shapely.difference(left, shapely.buffer(path, settings.cutter_radius_mm, quad_segs=16))
+        path = shapely.LineString(motion.tip.control_points[:, :2]).simplify(0.05)
+        left = shapely.difference(left, shapely.buffer(path, settings.cutter_radius_mm - 0.05, quad_segs=6))
     if chain:
         passes.append(process_pass(joined(chain), row))
     return passes
@@ -148,7 +167,7 @@ def _chained(motions: list[Motion], metal: MultiPolygon, keep: MultiPolygon, set
 
 def _is_free(here: Floats, there: Floats, left: shapely.Geometry, keep: MultiPolygon, settings: Settings) -> bool:
     """Whether a cutter that goes straight from one point to another keeps off, and meets less metal than a pass takes."""
-    way = shapely.buffer(shapely.LineString([here[:2], there[:2]]), settings.cutter_radius_mm - 0.01, quad_segs=16)
+    way = shapely.buffer(shapely.LineString([here[:2], there[:2]]), settings.cutter_radius_mm - 0.01, quad_segs=6)
     if shapely.intersects(way, keep):
         return False
     met = float(shapely.intersection(way, left).area)
