@@ -25,6 +25,7 @@ _TIP_UP = 0.25  # of the layer's height above its bottom plane: the focus meets 
 _LEAST_WIDE_MM = 0.2  # beyond what holds by itself: narrower undersides are the rounding of sections
 _STEP_MM = 0.5  # between points of a pass
 _LEAST_LINE_MM = 1.5  # shorter passes are drops
+_ASIDE_MM = 0.1  # to either side of a pass, to see which is farther from what carries it
 _POINT_NEAR_MM = 1e-3  # ends of passes lie on the outline
 
 
@@ -98,8 +99,11 @@ def _outward_pass(
     along = (np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)) if closed else np.gradient(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
     outward = np.column_stack([along[:, 1], -along[:, 0]])
-    inside = shapely.contains_xy(layer.overhang, *(points + 0.1 * outward).T)
-    outward = outward if inside.mean() > 0.5 else -outward
+    carrier = layer.overlap
+    ahead, behind = (
+        shapely.distance(shapely.points(points + way * outward), carrier) for way in (_ASIDE_MM, -_ASIDE_MM)
+    )
+    outward = outward if float((ahead - behind).sum()) > 0.0 else -outward
     outward = smoothed(outward, spacing, closed)
     outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-9)[:, None]
     tilt = cleared_tilt(points, outward, np.full(count, settings.material.deposition.max_tilt_deg), layer)

@@ -30,7 +30,7 @@ _LEAST_POINTS = 4
 _SPREADS = (0.6, 1.8)  # rings that close up to less are points
 _ROUND_END = 0.35  # of the bead's width: so far from an end of a wall its beads end, whose tips are round
 _FAR_OVER_DEG = 45.0
-_SETTLES = 0.12
+_SETTLES = 0.08
 """Of the bead's width: so much farther out than its focus a bead comes to lie that is laid with the head far over; its pool
 wets the side that hangs. Measured on walls in the twin (tests/unit/sim/test_proof_of_overhang.py); to be set for the own head."""
 

@@ -29,7 +29,9 @@ FACTS = SETTINGS.material.deposition
 def wall(lean_deg: float, thick_mm: float = 3.0, length_mm: float = 16.0, height_mm: float = 4.0) -> Mesh:
     """A wall along y that leans towards +x."""
     out, wide = np.tan(np.radians(lean_deg)) * height_mm, thick_mm / np.cos(np.radians(lean_deg))
-    body = trimesh.creation.extrude_polygon(shapely.Polygon([(0, 0), (wide, 0), (wide + out, height_mm), (out, height_mm)]), length_mm)
+    body = trimesh.creation.extrude_polygon(
+        shapely.Polygon([(0, 0), (wide, 0), (wide + out, height_mm), (out, height_mm)]), length_mm
+    )
     body.apply_transform(np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]]))
     return Mesh.from_trimesh(body)
 
@@ -45,7 +47,9 @@ def made(layer: LayerRegion, settings: Settings = SETTINGS) -> list[Operation]:
 
 
 def overhang_of(operations: list[Operation]) -> list[Pass]:
-    return [step for operation in operations if operation.process is Process.DEPOSIT_OVERHANG for step in operation.passes]
+    return [
+        step for operation in operations if operation.process is Process.DEPOSIT_OVERHANG for step in operation.passes
+    ]
 
 
 def poses(step: Pass, spacing_mm: float = 0.2) -> tuple[Floats, Floats]:
