@@ -100,21 +100,21 @@ def test_head_far_over_the_plate_is_clear_of_it_by_its_lowest_point() -> None:
 
 @pytest.mark.parametrize("shape", [HeadShape(13.0, 6.0, 30.0, 18.0, 40.0), CUTTER], ids=["head", "cutter"])
 def test_beside_the_plate_a_tool_may_reach_below_its_top(shape: Shape) -> None:
-    tips, axes = poses(40, 4, spread=75.0, lift=20.0)
+    tips, axes = poses(18, 4, spread=75.0, lift=20.0)
     axes = unit(tips * [1.0, 1.0, 0.0] + np.random.default_rng(5).normal(size=tips.shape) * 12.0)
     found = reach(tips, axes, np.empty((0, 3)), PLATE_MM, shape)
     half = 0.5 * np.array(PLATE_MM)
     below_and_free = 0
     for k in range(len(tips)):
-        solid = solid_points(shape, tips[k], axes[k], 1.0)
+        solid = solid_points(shape, tips[k], axes[k], 1.5)
         off = np.maximum(np.column_stack([np.abs(solid[:, :2]) - half, solid[:, 2]]), 0.0)
         true = float(np.linalg.norm(off, axis=1).min())
         below_and_free += bool(true > 1.0 and solid[:, 2].min() < -5.0)
         if true > 0.0:
-            assert true - 1.0 <= found.clearance_mm[k] <= true + 1e-3
+            assert true - 1.5 <= found.clearance_mm[k] <= true + 1e-3
         else:
             assert found.clearance_mm[k] <= 1e-3
-    assert below_and_free > 3
+    assert below_and_free > 1
 
 
 def test_poses_without_anything_around_are_free() -> None:
