@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 
 _RIM_MM = 3.0  # of the plate that stays free: allowance and half a bead lie outside the part
 _SIDEWAYS = 0.6  # least horizontal share of a direction in which the plate is beside the head, not below it
+_ONE_SIDED = 0.5  # of what grows sideways: pieces on opposite sides leave the part in the middle
 _NEAR_MM = 40.0  # above the plate: higher up head and holder pass over it
 
 
@@ -65,12 +66,13 @@ def shifted(division: Division, shift_mm: Floats) -> Division:
 
 def _pull(pieces: tuple[Piece, ...]) -> Floats:
     """(2,) float   Towards which edges: -1, 0 or 1 along x and y, where pieces grow sideways near the plate."""
-    pull = np.zeros(2)
+    pull, whole = np.zeros(2), 0.0
     for piece in pieces:
         flat = piece.direction[:2]
         if piece.parent >= 0 and np.linalg.norm(flat) >= _SIDEWAYS and piece.mesh.bounds[0, 2] < _NEAR_MM:
             pull += np.where(np.abs(flat) >= 0.5 * _SIDEWAYS, np.sign(flat), 0.0) * piece.mesh.volume
-    return np.sign(np.round(pull, 6))
+            whole += piece.mesh.volume
+    return np.where(np.abs(pull) > _ONE_SIDED * whole, np.sign(pull), 0.0)
 
 
 def _moved(piece: Piece, move: Floats) -> Piece:

@@ -204,6 +204,9 @@ def test_a_part_with_a_sideways_piece_stands_at_that_edge_of_its_plate() -> None
     assert len(told) == 1
     same, nothing = on_plate(divided(WALL, TOWER), Recipe())
     assert same.pieces[0] is WALL and not nothing
+    other = piece("3", cuboid((-9.2, -6, 12), (-6, 6, 16)), 0, (-6, 0, 14), (-1.0, 0.0, 0.0))
+    both, nothing = on_plate(divided(WALL, ARM, other), Recipe())
+    assert both.pieces[0] is WALL and not nothing
 
 
 def test_a_shift_off_the_plate_is_refused() -> None:
