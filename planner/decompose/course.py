@@ -129,7 +129,7 @@ def _measured(mesh: Mesh, base: Floats, chain: Floats) -> Course | Lost | None:
 
     points, _ = marched(mesh, points, radius, step, reaches_base)
     points = marched(mesh, points[::-1], radius, step, reaches_base)[0][::-1]
-    tail = tangents_of(points, radius)[-1]
+    tail = tangents_of(points, outer)[-1]
     area = cuts_at(mesh, np.concatenate([points[-1], tail])[None, :])[0]
     face = end_face(mesh, points[-1], tail, area or first)
     start = first.centre - base[3:] * ((first.centre - base[:3]) @ base[3:])

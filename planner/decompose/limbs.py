@@ -20,6 +20,7 @@ _LEAP_AREA = 1.3  # growth of its area at least
 _EQUAL = 0.3  # of the section's area: what joins with more is no side limb, both end there
 _SHARED = 0.2  # of a limb's volume: a limb that another has taken more of is looked for again in what is left
 _CUT_SHARE = 1.0  # of its root's cubes: sides that face limbs taken before; more is what is left between them
+_TIP_SHARE = 0.1  # of its tip's cubes: a tip that was cut is the rest of a limb taken before
 _ROUNDS = 5  # limbs of limbs of limbs
 
 
@@ -28,12 +29,13 @@ class Limb:
     """cubes : (k,) int64, numbers in the occupancy   root : of them, those next to what it sticks out of
 
     beyond : (b,) int64   cubes of the larger section that it sticks out of   length_mm : from its root to its end
-    area_mm2 : of its sections, in the middle
+    area_mm2 : of its sections, in the middle   tip : cubes of its outer quarter
     """
 
     cubes: NDArray[np.int64]
     root: NDArray[np.int64]
     beyond: NDArray[np.int64]
+    tip: NDArray[np.int64]
     length_mm: float
     area_mm2: float
 
@@ -68,14 +70,16 @@ def _round(body: Occupancy, quantities: Sequence[Floats], left: Flags) -> list[L
         free = left[limb.cubes]
         if free.mean() < 1.0 - _SHARED or left[limb.beyond].sum() < _LEAP_AREA * len(limb.root):
             continue
-        if _cut_share(body, limb.cubes, left) > _CUT_SHARE * len(limb.root):
+        if _cuts(body, limb.cubes, left) > _CUT_SHARE * len(limb.root):
+            continue
+        if _cuts(body, limb.tip, left) > _TIP_SHARE * len(limb.tip):
             continue
         made.append(replace(limb, cubes=limb.cubes[free], root=limb.root[left[limb.root]]))
         left[limb.cubes] = False
     return made
 
 
-def _cut_share(body: Occupancy, cubes: NDArray[np.int64], left: Flags) -> float:
+def _cuts(body: Occupancy, cubes: NDArray[np.int64], left: Flags) -> float:
     """Sides of the cubes that face what was taken before: a limb has none, what is left between limbs has many."""
     across = body.links[cubes]
     return float(((across >= 0) & ~left[across]).sum())
@@ -98,7 +102,9 @@ def _sweep(body: Occupancy, graph: Fronts) -> list[Limb]:
         beyond = max((beyond, {piece for member in beyond for piece in below[member]}), key=lambda s: _area(graph, s))
         cubes_beyond = np.concatenate([order[starts[piece] : starts[piece + 1]] for piece in sorted(beyond)])
         areas = [_area(graph, level) for level in levels]
-        limb = Limb(cubes, root, cubes_beyond, len(levels) * graph.step_mm, float(np.median(areas)))
+        outer = [piece for level in levels[: max(len(levels) // 4, 2)] for piece in level]
+        top = np.concatenate([order[starts[piece] : starts[piece + 1]] for piece in outer])
+        limb = Limb(cubes, root, cubes_beyond, top, len(levels) * graph.step_mm, float(np.median(areas)))
         if limb.slender >= _SLENDER:
             made.append(limb)
     return made

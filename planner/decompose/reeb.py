@@ -13,6 +13,7 @@ from planner.decompose.fronts import Fronts
 Floats = NDArray[np.float64]
 
 _SPUR = 1.0  # of the front's width at the branching: a shorter free arc is a corner of it, not a limb
+_ONWARD = 3.0  # times the volume of the next: such an arc goes on, the others are spurs
 _HOLE = 1.2  # of the front's width at the branching: shorter ways round a hole are one way
 
 
@@ -85,7 +86,7 @@ class _Links:
     def drop_spur(self) -> bool:
         """Take out the free arcs that are shorter than their branching is wide, all at once; not the longest of all.
 
-        Nor one that goes on where all but one of the arcs at its branching are such, if it is twice as long as the others.
+        Nor one that goes on where all but one of the arcs at its branching are such, if it is far larger than the others.
         """
         rows = self.rows()
         longest = max(rows, key=len)
@@ -98,9 +99,11 @@ class _Links:
             if len(spur) * self.graph.step_mm < _SPUR * self.graph.width_mm(stop):
                 spurs.setdefault(stop, []).append(spur)
         for stop, found in spurs.items():
-            found.sort(key=len)
-            if len(found) == len(self.touching[stop]) - 1 and len(found) > 1 and len(found[-1]) >= 2 * len(found[-2]):
-                found.pop()
+            found.sort(key=lambda spur: float(self.area[spur].sum()))
+            if len(found) == len(self.touching[stop]) - 1 and len(found) > 1:
+                last, other = (float(self.area[spur].sum()) for spur in (found[-1], found[-2]))
+                if last >= _ONWARD * other:
+                    found.pop()
             for spur in found:
                 if not self.closed.isdisjoint(spur):
                     self.closed.add(stop)
