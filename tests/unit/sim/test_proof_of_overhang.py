@@ -34,7 +34,7 @@ def leaning_wall(thick_mm: float = 3.0, length_mm: float = 10.0, height_mm: floa
 def proved(overhang: str) -> Proof:
     mesh = leaning_wall()
     recipe = Recipe(
-        process="deposit", overhang=overhang, layer_height_mm=LAYER_MM, tolerance_mm=0.5,  # type: ignore[arg-type]
+        process="deposit", overhang=overhang, layer_height_mm=LAYER_MM, tolerance_mm=0.5,
         build_direction=(0.0, 0.0, 1.0), decompose="never", axis_layers="never", support="never",
     )  # fmt: skip
     program = planner.post(planner.plan(mesh, recipe), CELL)
