@@ -14,7 +14,6 @@ from planner.decompose.direction import asked_direction, build_frame, candidate_
 from planner.decompose.members import Member, Ways, members
 from planner.decompose.order import Blocked, Standing, build_order
 from planner.decompose.outcome import pieces_of_blocks
-from planner.decompose.path import AxisPath
 from planner.decompose.pieces import Division
 from planner.decompose.pins import in_places, pinned
 from planner.decompose.seams import seams
@@ -101,18 +100,20 @@ def _searched(ways: Ways, firsts: list[Floats]) -> list[_Way]:
     needed = np.sum([block.hangs.weights for block in wholes], axis=0) + _leaning(ways, firsts)
     directions = candidate_directions(ways.mesh)
     own = members(ways, seams(ways.mesh), directions, needed) if needed.any() else []
-    paths: dict[int, AxisPath | None] = {}
-    return [way for whole in wholes for way in _along(ways, whole, own, paths)]
+    shadow = 0.25 * float(ways.mesh.areas.sum())
+    promising = sorted(range(len(wholes)), key=lambda n: (round(_promise(wholes[n], shadow), 6), n))
+    made = {number: _along(ways, wholes[number], own) for number in promising}
+    return [way for number in sorted(made) for way in made[number]]
 
 
-def _along(ways: Ways, whole: Block, own: list[Member], paths: dict[int, AxisPath | None]) -> list[_Way]:
+def _along(ways: Ways, whole: Block, own: list[Member]) -> list[_Way]:
     """The ways to build the part on one first direction."""
-    straight = with_path(ways, whole)
-    if straight.path is not None:
-        return [_Way([straight], weighed(ways, [straight], 0.0), {})]
-    search = Search(ways, own, whole.base[3:], paths)
+    search = Search(ways, own, whole.base[3:])
     stands = _standing_facets(ways, whole)
     taken, left = search.cover(whole.hangs.weights, None, stands, whole.base[3:], 1)
+    straight = with_path(ways, whole) if not taken or left > _LEFT_MM2 else whole
+    if straight.path is not None:
+        return [_Way([straight], weighed(ways, [straight], 0.0), {})]
     if taken and left > _LEFT_MM2 and ways.settings.recipe.support == "auto":
         return [*_with(ways, whole, taken, own), *_with(ways, whole, [], own)]
     return _with(ways, whole, taken, own)
@@ -193,7 +194,7 @@ def _parents(blocks: list[Block]) -> list[int]:
 
 
 def _joined(first: str, second: str) -> str:
-    return f"{first}; {second}" if first else second
+    return "; ".join(text for text in (first, second) if text)
 
 
 def _reason(is_chosen: bool, note: str) -> str:

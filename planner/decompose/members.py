@@ -30,6 +30,7 @@ _BEGIN = 0.08  # of the axis' length, over which its first direction is taken
 _CORNER_DEG = 40.0  # off the base's direction: with the head tilted by that and the material's own lean the start still holds
 _LEANS_FIRST = 0.3  # of what hangs: a bent bar leans more and more before its underside is level
 _WORTH_MM2 = 0.5  # less is rounding
+_MOST_PATHS = 6  # that are looked for in one part
 _LEAST_BAR = 1.25  # length over width
 _LEAST_SHARE = 1e-4  # of the part's volume: less is no member
 _MOST_PLANES = 160  # that are cut in search of members
@@ -39,13 +40,15 @@ _MOST_PLANES = 160  # that are cut in search of members
 class Ways:
     """What the search asks of a part again and again.
 
-    limits : of the material   bores : round holes that are bored from the side afterwards and hang nobody
+    limits : of the material   bores : round holes that are bored from the side afterwards, so that nothing hangs over them
+    paths : what is known of bodies on their bases
     """
 
     mesh: Mesh
     settings: Settings
     limits: Limits
     bores: tuple[Bore, ...] = ()
+    paths: dict[tuple[str, bytes], AxisPath | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, mesh: Mesh, settings: Settings) -> Ways:
@@ -140,11 +143,6 @@ def may_bend(mesh: Mesh, joint_mm2: float, hangs_mm2: float, tilted_mm2: float) 
     return _LEAST_BAR * width < length < 0.5 * np.pi * diagonal_mm
 
 
-def path_of(member: Member, ways: Ways) -> AxisPath | None:
-    """Planes along the member's axis from its plane to its end, see `path_on`."""
-    return path_on(member.body, member.plane, ways)
-
-
 def path_on(body: Body, base: Floats, ways: Ways) -> AxisPath | None:
     """Planes along the axis of a body that stands on a base plane.
 
@@ -154,6 +152,14 @@ def path_on(body: Body, base: Floats, ways: Ways) -> AxisPath | None:
     recipe = ways.settings.recipe
     if recipe.axis_layers == "never" or recipe.process == "mill":
         return None
+    key = (body.mesh.sha256, np.round(base, 6).tobytes())
+    if key not in ways.paths:
+        ways.paths[key] = _turning(body, base, ways) if len(ways.paths) < _MOST_PATHS else None
+    return ways.paths[key]
+
+
+def _turning(body: Body, base: Floats, ways: Ways) -> AxisPath | None:
+    """As `path_on`, looked for."""
     facts = ways.settings.material.deposition
     found = axis_path(
         body.mesh,

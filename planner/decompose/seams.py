@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from planner.mesh.mesh import Mesh
 
@@ -17,6 +18,7 @@ Ints = NDArray[np.int64]
 _BEND_DEG = 20.0  # edges that bend inwards by less belong to smooth walls
 _RISE = 1e-5  # of the part's size, by which a facet must rise over its neighbour
 _LEAST_WIDTH = 3e-5  # of the part's size: thinner facets have no direction of their own in 32-bit coordinates
+_TOGETHER = 0.01  # of the part's size: ends of inward edges that are nearer belong to one seam
 _MOST_SEAMS = 24  # the longest; parts with more are told apart by these
 _STRAIGHT = 1e-3  # of its length: a seam that leaves its line by less has no plane of its own
 
@@ -39,7 +41,9 @@ def seams(mesh: Mesh) -> list[Seam]:
         return []
     used, local = np.unique(np.concatenate([tail, head]), return_inverse=True)
     start, end = np.split(local.reshape(-1), 2)
-    graph = coo_array((np.ones(len(start)), (start, end)), shape=(len(used), len(used)))
+    near = cKDTree(mesh.vertices[used]).query_pairs(_TOGETHER * mesh.diagonal, output_type="ndarray").astype(np.int64)
+    first, second = np.concatenate([start, near[:, 0]]), np.concatenate([end, near[:, 1]])
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(used), len(used)))
     count, label = connected_components(graph, directed=False)
     lengths = np.linalg.norm(mesh.vertices[tail] - mesh.vertices[head], axis=1)
     length = np.bincount(label[start], weights=lengths, minlength=count)

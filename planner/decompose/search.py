@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.decompose.members import MOST_TURNED_COS, Member, Ways, may_bend, path_of
+from planner.decompose.members import MOST_TURNED_COS, Member, Ways, may_bend, path_on
 from planner.decompose.path import AxisPath
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _MOST_TAKEN = 24  # members that one body is freed of
-_MOST_PATHS = 8  # paths that are tried for one part
 _BULK = 0.1  # per volume of the part in a member: of two that hold the same the smaller one is taken
 _OVERLAP = 0.02  # of the smaller one's area: members that share more are not taken both
 _SAME_COS = 0.9999  # a member that grows straight on in the body's own direction holds nothing up
@@ -37,18 +36,14 @@ class Taken:
 
 
 class Search:
-    """Covers what hangs of bodies by members; what was found for a member is kept.
+    """Covers what hangs of bodies by members; what was found for a member is kept."""
 
-    paths : what is known of members' paths, shared by the searches on all first directions
-    """
-
-    def __init__(self, ways: Ways, members: Sequence[Member], first: Floats, paths: dict[int, AxisPath | None]) -> None:
+    def __init__(self, ways: Ways, members: Sequence[Member], first: Floats) -> None:
         self.ways = ways
         self.members = [member for member in members if float(member.direction @ first) > MOST_TURNED_COS]
         self.first = first
         self.shadow_mm2 = 0.25 * float(ways.mesh.areas.sum())
         self._freed: dict[int, Taken] = {}
-        self._paths = paths
 
     def cover(self, weights: Floats, within: Floats | None, stands: Flags, direction: Floats, depth: int) -> tuple[list[Taken], float]:
         """Members to take off a body so that little hangs of it, in the order found, and what hangs then, mm².
@@ -86,7 +81,7 @@ class Search:
                 return None
             if not bends:
                 return self._free(number, depth)
-            path = self._path(self.members[number])
+            path = path_on(self.members[number].body, self.members[number].plane, self.ways)
             if path is not None:
                 return Taken(self.members[number], (), path)
         return None
@@ -137,12 +132,6 @@ class Search:
                 found = Taken(member, tuple(off), None, left)
         self._freed[number] = found
         return found
-
-    def _path(self, member: Member) -> AxisPath | None:
-        key = id(member)
-        if key not in self._paths:
-            self._paths[key] = path_of(member, self.ways) if len(self._paths) < _MOST_PATHS else None
-        return self._paths[key]
 
 
 def removal_order(taken: Sequence[Taken]) -> list[Taken]:

@@ -101,7 +101,7 @@ def test_same_part_gives_the_same_division_to_the_byte() -> None:
     assert first.candidates == second.candidates and first.findings == second.findings
 
 
-@pytest.mark.parametrize("name", ["tee", "cross", "table"])
+@pytest.mark.parametrize("name", ["cross", "table"])
 def test_small_change_of_the_mesh_gives_the_same_division(name: str) -> None:
     recipe = Recipe(material="316L", process="hybrid")
     first, second = divided(name), divided_with(disturbed(part(name), 1e-5), recipe)
