@@ -27,8 +27,8 @@ _AZIMUTHS = 8
 _COARSE_MM = 4.0  # levels by which directions are compared
 _FINE_MM = 2.0  # levels by which it is told what one direction reaches
 _MOST = 8  # directions that a support is cleared from
-_WORTH = 0.03  # of the support: what a further direction must take away
-_BODY = 0.01  # of the support: smaller bodies that a direction reaches by chance are not worth its levels
+_WORTH = 0.01  # of the support: what a further direction must take away
+_BODY = 0.008  # of the support: smaller bodies that a direction reaches by chance are not worth its levels
 _LEFT_MM3 = 1.0  # less metal than this is rounding
 NOTE = "support"
 

@@ -18,7 +18,7 @@ from planner.toolpath.motion import Motion, joined, process_pass, straight
 
 Floats = NDArray[np.float64]
 
-_TERRACE = 0.5  # of the tolerance: how far steps between levels may stand out of the part's surface
+_TERRACE = 0.8  # of the tolerance: how far steps between levels may stand out of the part's surface
 _FINISH_MM = 0.3  # what roughing leaves on the part
 _ENTRY_MM = 1.0  # air before the metal where a stretch begins
 _HALVINGS = 5  # of a level's step: to a tenth of a millimetre
@@ -35,7 +35,7 @@ def level_passes(access: Access, excess_mm: float) -> tuple[list[Pass], Floats, 
 
     excess_mm : how far metal stands out of its nominal faces.
     The last ring of each level runs along what stays; where the part's surface steps out under the tool the levels follow
-    it, so that terraces stand out by half of the tolerance at most.
+    it, so that terraces stand out by four fifths of the tolerance at most.
     """
     levels = part_levels(access, excess_mm)
     above = MultiPolygon()
