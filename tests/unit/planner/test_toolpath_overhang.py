@@ -14,6 +14,7 @@ from planner.plan import Operation, Pass, Process
 from planner.process import Settings
 from planner.recipe import Recipe
 from planner.slicing.regions import LayerRegion, layer_regions
+from planner.toolpath.clearance import cleared_tilt
 from planner.toolpath.deposit import deposit_operations
 from planner.toolpath.tilt import growth_share, tilt_deg
 from tests.unit.planner.small_parts import box, frustum
@@ -150,3 +151,16 @@ def test_tilt_grows_with_the_lean_and_stays_inside_the_material_s_limits() -> No
 def test_bead_along_the_wall_is_as_long_as_the_step_of_the_wall() -> None:
     assert growth_share(np.array([60.0]), np.array([60.0]))[0] == pytest.approx(2.0)
     assert growth_share(np.array([40.0]), np.array([0.0]))[0] == pytest.approx(1.0)
+
+
+def test_tilt_is_less_where_the_nozzle_would_meet_the_layer_on_the_other_side_of_a_bore() -> None:
+    around = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    radial = np.column_stack([np.cos(around), np.sin(around)])
+    asked = np.full(24, 75.0)  # at 13 mm stand-off a nozzle end of 6 mm radius is then 2.4 mm under its focus
+    bore = Mesh.from_trimesh(trimesh.creation.annulus(5.0, 25.0, 2.4, sections=64))
+    allowed = cleared_tilt(5.0 * radial, -radial, asked, layers_of(bore)[1])
+    assert (allowed < asked).all()
+    low = 13.0 * np.cos(np.radians(allowed)) - 6.0 * np.sin(np.radians(allowed))
+    assert low.min() > HEIGHT_MM  # above the metal on the other side
+    free = cleared_tilt(25.0 * radial, radial, np.full(24, 50.0), layers_of(bore)[1])
+    np.testing.assert_allclose(free, 50.0)
