@@ -18,7 +18,8 @@ Ints = NDArray[np.int64]
 
 _TOGETHER = 1.2  # of a limb's radius: limbs that join an axis nearer to each other join it at one point
 _STUB = 1.0  # of the radius: what an axis reaches beyond the limbs that join it, to count as a free end
-_FINE = 8  # places tried on each edge of an axis
+_FINE = 16  # places tried on each radius of an axis
+_MOST_PLACES = 4000  # on one axis
 _NEARNESS = 0.15  # how much the way to the place counts beside its distance from the limb's line
 
 
@@ -57,7 +58,9 @@ def _graph(stretches: list[Stretch]) -> Skeleton:
     ties = _shared(stretches, _ties(stretches))
     for tie in ties:
         host, limb = stretches[tie.stretch], stretches[tie.limb]
-        host.joins += [tie.at, float(np.argmin(np.linalg.norm(host.trace.points - limb.trace.points[0], axis=1)))]
+        fine = _places(host)
+        beside = np.linalg.norm(_at(host.trace.points, fine.tolist()) - limb.trace.points[0], axis=1)
+        host.joins += [tie.at, float(fine[int(np.argmin(beside))])]
     nodes: list[Floats] = []
     radii: list[Floats] = []
     edges: list[list[int]] = []
@@ -87,6 +90,15 @@ def _at(values: Floats, places: list[float]) -> Floats:
     return np.column_stack([np.interp(places, rows, values[:, k]) for k in range(values.shape[1])])
 
 
+def _places(host: Stretch) -> Floats:
+    """Places along an axis, fractions between its points, near enough to each other to look for the nearest."""
+    along = lengths_along(host.trace.points)
+    count = int(np.ceil(along[-1] / max(float(host.trace.radii.min()), 1e-9))) * _FINE + (len(along) - 1) * 2
+    fine = np.linspace(0.0, along[-1], min(count, _MOST_PLACES) + 1)
+    rows = np.arange(float(len(along)))
+    return np.unique(np.concatenate([np.interp(fine, along, rows), rows])) if along[-1] > 0.0 else np.zeros(1)
+
+
 def _ties(stretches: list[Stretch]) -> list[_Tie]:
     """The place of its host that lies nearest to each limb's line, carried on backwards."""
     made = []
@@ -96,8 +108,7 @@ def _ties(stretches: list[Stretch]) -> list[_Tie]:
         for number, host in enumerate(stretches):
             if limb.host < 0 or host.owner != limb.host or number == k:
                 continue
-            count = len(host.trace.points)
-            places = np.linspace(0.0, count - 1.0, (count - 1) * _FINE + 1)
+            places = _places(host)
             away = _at(host.trace.points, places.tolist()) - start
             aside = np.linalg.norm(away - np.minimum(away @ direction, 0.0)[:, None] * direction, axis=1)
             cost = aside + _NEARNESS * np.linalg.norm(away, axis=1)
