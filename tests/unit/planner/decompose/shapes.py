@@ -30,7 +30,7 @@ def part(name: str) -> Mesh:
 @cache
 def divided(name: str, process: str = "hybrid") -> Division:
     """The division of a part with nothing said but material and process."""
-    return divided_with(part(name), Recipe(material="316L", process=process))  # type: ignore[arg-type]
+    return divided_with(part(name), Recipe(material="316L", process=process))
 
 
 def divided_with(mesh: Mesh, recipe: Recipe) -> Division:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from planner.decompose.cutting import split
 from planner.mesh.mesh import Mesh
@@ -48,7 +49,8 @@ def test_plane_in_an_end_face_leaves_the_part_whole() -> None:
 
 
 def test_faces_flat_to_single_precision_only_give_no_slivers() -> None:
-    turn = trimesh.transformations.rotation_matrix(0.7, [0.3, -0.5, 0.8])
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec([0.21, -0.35, 0.56]).as_matrix()
     mesh = single_precision(part("hinge").transformed(turn))
     at, along = turn[:3, :3] @ np.array([10.0, 35.0, 16.0]), turn[:3, :3] @ np.array([0.0, 0.0, -1.0])
     below, above = split(mesh, plane(tuple(at), tuple(along)))
@@ -82,8 +84,9 @@ def test_void_stays_with_the_body_around_it() -> None:
     outer, inner = trimesh.creation.box((20, 20, 20)), trimesh.creation.box((4, 4, 4))
     inner.apply_translation((0, 0, 6))
     inner.invert()
-    joined = trimesh.util.concatenate([outer, inner])
-    below, above = split(Mesh(joined.vertices, joined.faces), plane((0.0, 0.0, 0.0), Z))
+    vertices = np.concatenate([outer.vertices, inner.vertices])
+    facets = np.concatenate([outer.faces, inner.faces + len(outer.vertices)])
+    below, above = split(Mesh(vertices, facets), plane((0.0, 0.0, 0.0), Z))
     assert [len(below), len(above)] == [1, 1]
     assert above[0].volume == pytest.approx(4000.0 - 64.0)
     assert below[0].volume == pytest.approx(4000.0)
