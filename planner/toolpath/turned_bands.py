@@ -29,6 +29,7 @@ _WALL_SHARE = 0.25  # of the tolerance: how far a ruled wall may stand from the 
 _GOES_ON_MM = 0.01  # outlines nearer than this in one plane are one wall
 _PARALLEL = 1.0 - 1e-9  # cosine: planes that turn less are parallel
 _BELOW_MM = 0.8  # between the sections under a band that its cutter must spare
+_ROOM_MM = 10.0  # from z = 0 of a band's frame to its bottom: more than a cutter's end is let down
 _RULINGS = 100  # of each wall, at which it is measured
 
 
@@ -36,13 +37,15 @@ _RULINGS = 100  # of each wall, at which it is measured
 class TurnedBand:
     """Neighbouring layers whose walls are milled in one go.
 
-    band : in the band's frame: z = normal of its bottom plane; z = 0 as deep under it as the piece's base plane allows
+    band : in the band's frame: z = normal of its bottom plane, z = 0 well under it; of a band on the base in it
     build_from_band : (4, 4) float, rigid   narrow : holes that the cutter does not enter, band frame, mm; not in band.region
+    base : (6,) float, band frame   the piece's base plane
     """
 
     band: Band
     build_from_band: Floats
     narrow: MultiPolygon
+    base: Floats
 
 
 def make_turned_bands(layers: Sequence[TurnedLayer], mesh: Mesh, settings: Settings) -> Iterator[TurnedBand]:
@@ -120,14 +123,18 @@ def _band(layers: Sequence[TurnedLayer], first: int, last: int, mesh: Mesh, sett
         kind = "ruled" if _fits(walls, members, settings) else "stepped"
     open_region, narrow = _without_narrow(region, settings)
     kept = tuple(wall for wall in walls if kind == "ruled" and not _bounds_any(wall, narrow))
-    room = _room_under(layers[0], frame, open_region, settings)
+    room = _ROOM_MM if first else 0.0
     lifted = np.eye(4)
     lifted[2, 3] = room
     kept = tuple(
         replace(wall, bottom=wall.bottom.transformed(lifted), top=wall.top.transformed(lifted)) for wall in kept
     )
     band = Band(first, last, room, room + _top_mm(layers, first, last), kind, open_region, kept, continues)
-    return TurnedBand(band, np.asarray(frame @ np.linalg.inv(lifted)), narrow)
+    build_from_band = np.asarray(frame @ np.linalg.inv(lifted))
+    back = np.linalg.inv(build_from_band)
+    base = layers[0].bottom
+    plane = np.concatenate([back[:3, :3] @ base[:3] + back[:3, 3], back[:3, :3] @ base[3:]])
+    return TurnedBand(band, build_from_band, narrow, plane)
 
 
 def _fits(walls: tuple[Wall, ...], members: Sequence[TurnedLayer], settings: Settings) -> bool:
@@ -187,20 +194,6 @@ def _bounds_any(wall: Wall, holes: MultiPolygon) -> bool:
     if shapely.LinearRing(ring).is_ccw:
         return False
     return bool(shapely.contains_xy(shapely.buffer(holes, 0.5), *ring.mean(axis=0)))
-
-
-def _room_under(base: TurnedLayer, frame: Floats, region: MultiPolygon, settings: Settings) -> float:
-    """How far the piece's base plane lies under a band's bottom plane at least, beside the band too, mm.
-
-    base : the piece's first layer   frame : build_from_band.
-    """
-    beside = shapely.get_coordinates(shapely.box(*region.bounds).buffer(settings.cutter_diameter_mm, quad_segs=2))
-    back = np.linalg.inv(frame)
-    plane = np.concatenate([back[:3, :3] @ base.bottom[:3] + back[:3, 3], back[:3, :3] @ base.bottom[3:]])
-    if plane[5] < STEEPEST_AXIS:
-        points = np.column_stack([beside, np.zeros(len(beside))])
-        return max(float(((points - plane[:3]) @ plane[3:]).min()), 0.0)
-    return max(float(-height_of_plane(plane, beside).max()), 0.0)
 
 
 def layers_under(made: TurnedBand, mesh: Mesh, depth_mm: float) -> list[LayerRegion]:

@@ -27,6 +27,7 @@ _FOLLOWS = 0.3  # of the tolerance: how far the flank may cut into the wall unde
 _STEEPEST = 1.0  # change of depth along the pass: the cutter's end rises and falls by no more than 45 degrees
 _ARC_ROOM_MM = 0.5  # by which arcs on and off a wall may come nearer to it than the pass: they leave it sideways
 _SAMPLE_MM = 0.05  # chord error at which a pass is looked at
+_ALONG = 0.05  # of an axis on the base's normal: less, and lifting along it leads nowhere
 _LEAST_STRETCH_MM = 1.0  # shorter cuts between places that are barred are left out
 
 
@@ -83,14 +84,13 @@ def _ruled_passes(
     """Passes round all walls, wall by wall; none if the flank cannot follow one of them."""
     band = made.band
     on_base = band.first == 0
-    reach = depths(under, band.z_bottom, OVERLAP_MM + run_down_mm, settings)
+    below = under if band.continues else ()
+    reach = depths(below, made, OVERLAP_MM + run_down_mm, settings)
     passes: list[Pass] = []
     keep_out = outset(band.region, settings.cutter_radius_mm - _ARC_ROOM_MM)
     for wall in band.walls:
         others = [other for other in band.walls if other is not wall]
-        motions = ruled_motions(
-            wall, excess_mm, 0.0, 0.0, settings, others, depth_at=None if on_base or not band.continues else reach
-        )
+        motions = ruled_motions(wall, excess_mm, 0.0, None, settings, others, depth_at=reach)
         if not motions:
             return []
         for motion in motions:
@@ -135,11 +135,13 @@ def _between(motion: Motion, begin: float, end: float) -> Motion:
     return part if begin <= 1e-6 else part.from_arc(begin)[1]
 
 
-def depths(under: Sequence[LayerRegion], z_bottom: float, most_mm: float, settings: Settings) -> DepthAt:
+def depths(under: Sequence[LayerRegion], made: TurnedBand, most_mm: float, settings: Settings) -> DepthAt:
     """How far poses may reach under a band: as long as the cutter's axis keeps its distance from what stands there.
 
-    under : from the lowest, up to z_bottom   most_mm : no deeper than so.
+    under : from the lowest, up to the band's bottom; none: no deeper than that   most_mm : no deeper than so. Where the
+    cutter's end would dip under the piece's base plane, it is lifted: the depth is negative.
     """
+    z_bottom = made.band.z_bottom
     levels: list[tuple[float, MultiPolygon]] = []
     for layer in reversed(under):
         middle = 0.5 * (layer.z_bottom + layer.z_top)
@@ -169,7 +171,14 @@ def depths(under: Sequence[LayerRegion], z_bottom: float, most_mm: float, settin
             is_free &= spare >= 0.0
             short = np.where(is_free, np.maximum(spare, 1e-9), short)
             last = down
-        return _levelled(np.minimum(reached, most_mm), tips)
+        return _levelled(np.minimum(np.minimum(reached, most_mm), over_base(tips, axes)), tips)
+
+    def over_base(tips: Floats, axes: Floats) -> Floats:
+        point, normal = made.base[:3], made.base[3:]
+        along = axes @ normal
+        spare = (tips - point) @ normal - settings.cutter_radius_mm * np.sqrt(np.maximum(1.0 - along**2, 0.0))
+        depth = spare * axes[:, 2] / np.maximum(along, _ALONG)
+        return np.where(along > _ALONG, np.maximum(depth, made.band.z_bottom - made.band.z_top), most_mm)
 
     return depth_at
 
