@@ -13,7 +13,7 @@ from shapely import MultiPolygon
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion
 from planner.toolpath.clearance import cleared_tilt
-from planner.toolpath.tilt import growth_share, smoothed, tilt_deg
+from planner.toolpath.tilt import MARGIN_DEG, growth_share, smoothed, tilt_deg
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -26,6 +26,7 @@ _FEWEST = 12  # points round the smallest outline
 _NEAR_MM = 0.3  # of the overhang: where the side surface leans but stands on something, the head stays upright
 _CORNER_RAD = np.radians(30.0)
 _ENDS = 2.0  # heights of a layer, widths of a wall: so near its ends a side's own lean is not seen
+_TILT_SMOOTH_MM = 4.0  # along an outline on either side: a change of tilt takes as long as two beads are wide
 _LEAST_RUN_MM = 2.0  # shorter stretches of leaning wall are corners
 _SAME_MM = 0.05  # of an outline: on it
 _ACROSS_MM = 60.0  # how far the width of a layer is looked for across its outline
@@ -100,6 +101,7 @@ def _runs_of(
         tilt = cleared_tilt(walls, outward, tilt_deg(lean, settings), layer)
         hangs = np.asarray(shapely.dwithin(shapely.points(walls), layer.overhang, _NEAR_MM))
         leans = (tilt > 0.0) & (lean < LEVEL_DEG) & hangs
+        tilt = np.maximum(smoothed(tilt[:, None], spacing, closed, _TILT_SMOOTH_MM)[:, 0], MARGIN_DEG)
         for rows, whole in _stretches(leans, spacing, closed):
             across = _across(points[rows], outward[rows], middle)
             if whole and closed:  # what leans on both sides is shared between them

@@ -20,6 +20,7 @@ LEAST_ALONG_DEG = 55.0
 second: what a bead hangs out by grows faster with the lean than a small tilt takes back."""
 TURN_DEG_S = 120.0
 """How fast the tool axis is turned about the layer's direction: rotary tables of five-axis machines reach 90 to 200."""
+_TILT_SHARE = 0.5  # of that speed: rotary axes that tilt a table are slower than those that spin it
 _SMOOTH_MM = 1.5  # of path on either side over which the axis is averaged: a bead's width and a half in all
 _CORNER_DEG = 40.0  # sharper turns of a path are corners
 _LEAST_TURN = 1e-6  # rad: below it an axis stands upright or still
@@ -85,11 +86,14 @@ def tilted_motion(tips: Floats, axes: Floats, closed: bool) -> Motion:
 
 
 def turn_deg_mm(axes: Floats, tips: Floats, closed: bool) -> Floats:
-    """(n,) float   How fast the axis turns about the layer's direction from each tip to the next, deg per mm of path."""
+    """(n,) float   How fast the axis turns from each tip to the next, deg per mm of path: about the layer's direction, or
+    towards and from it at a share of that speed, whichever takes longer."""
     following_tips, following = (np.roll(values, -1, axis=0) for values in (tips, axes))
     sine = axes[:, 0] * following[:, 1] - axes[:, 1] * following[:, 0]
     turn = np.abs(np.arctan2(sine, (axes[:, :2] * following[:, :2]).sum(axis=1)))
     turn[np.hypot(axes[:, 0], axes[:, 1]) < 1e-3] = 0.0
+    over = np.abs(np.arccos(np.clip(following[:, 2], -1.0, 1.0)) - np.arccos(np.clip(axes[:, 2], -1.0, 1.0)))
+    turn = np.maximum(turn, over / _TILT_SHARE)
     way = np.linalg.norm(following_tips - tips, axis=1)
     if not closed:
         turn[-1] = 0.0
