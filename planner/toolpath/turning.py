@@ -190,6 +190,10 @@ def _findings(state: _State) -> tuple[str, ...]:
             "choose less power, more speed or a larger stock allowance",
         )
     found = [*dropped_findings(state.dropped), *left_findings(state.left, state.settings, by_layer=True)]
+    if state.settings.is_milled:
+        found.append(
+            f"layers that turn stand up to {state.most_above_mm:.2f} mm over their planes before they are faced"
+        )
     uniform = [number for number, made in enumerate(state.laid) if made.is_uniform]
     if uniform:
         found.append(
