@@ -201,7 +201,7 @@ def _reason(is_chosen: bool, note: str) -> str:
     """Why a candidate was taken, or what speaks against it."""
     if is_chosen:
         return _joined("lowest score of those that can be reached", note)
-    return note or "higher score"
+    return note or "no lower score"
 
 
 def _blocked_text(blocked: Blocked, order: list[int]) -> str:

@@ -80,7 +80,7 @@ def _supported(ways: Ways, piece: Piece, block: Block, before: Sequence[Piece]) 
     except PlanningError as error:
         raise PlanningError(f"{text}; support: {error.message}", error.hint) from None
     if found is None:
-        return piece, []
+        return piece, [f"{text}; too narrow for support: the head is tilted as far as it goes"]
     mesh = found.mesh.transformed(np.linalg.inv(to_piece))
     why = f"{block.left_mm2:.0f} mm² of it hang in every direction: {found.volume_mm3:.0f} mm³ of support carry them"
     return replace(piece, support=mesh, why=(*piece.why, why)), [f"piece {piece.name}: {line}" for line in found.findings]
