@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -17,6 +16,7 @@ from planner.toolpath.axis import ends_clear, goes_on_below, leans_inward, ruled
 from planner.toolpath.bands import Band
 from planner.toolpath.beside import Stands, blocked_mm, blocked_near, passes_beside, polygons
 from planner.toolpath.face import face_passes
+from planner.toolpath.left import Left, left_findings
 from planner.toolpath.motion import Motion
 from planner.toolpath.side import (
     PAST_START_MM,
@@ -28,6 +28,8 @@ from planner.toolpath.side import (
     unreached,
     upright_passes,
 )
+
+__all__ = ["BULGE", "OVERLAP_MM", "Left", "face_operation", "faced", "left_findings", "side_operations"]
 
 BULGE = 0.04
 """Of the bead's width: how far melt may run out beyond a track's nominal edge."""
@@ -297,22 +299,6 @@ def _wall_motions(
     return flat, band.first == 0 or not leans_inward(wall)
 
 
-@dataclass(frozen=True)
-class Left:
-    """What side milling leaves in one band.
-
-    kind : "closed", "corners", "beside", "unfaced", "cusps" or "none"
-    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm².
-    """
-
-    kind: str
-    z_bottom: float
-    z_top: float
-    place: str
-    count: int
-    volume_mm3: float
-
-
 def _left_by_the_cutter(band: Band, settings: Settings) -> list[Left]:
     """What the cutter does not reach in the band's holes, slots and inside corners."""
     left = unreached(band.region, settings.cutter_radius_mm)
@@ -322,42 +308,3 @@ def _left_by_the_cutter(band: Band, settings: Settings) -> list[Left]:
         for kind, area in (("closed", left.closed), ("corners", left.corners))
         if area.geoms
     ]
-
-
-def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = False) -> list[str]:
-    """One line for each run of touching bands that leave the same kind of thing.
-
-    by_layer : z_bottom and z_top of each are its first layer and one past its last, of layers that turn.
-    """
-    runs: dict[str, list[list[Left]]] = {}
-    for item in left:
-        known = runs.setdefault(item.kind, [])
-        if known and abs(known[-1][-1].z_top - item.z_bottom) < 1e-6:
-            known[-1].append(item)
-        else:
-            known.append([item])
-    diameter = settings.cutter_diameter_mm
-    words = {
-        "closed": f"holes or slots are narrower than the cutter (D {diameter:g} mm) and stay unmilled",
-        "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
-        "cusps": "the flank cannot follow the wall: it is milled upright in small steps",
-        "beside": "what stands beside the wall keeps the cutter away",
-        "unfaced": "what stands beside keeps the facing cutter away",
-        "none": "the cutter reaches no wall: side milling left out",
-    }
-    return [_left_line(run, words[kind], by_layer) for kind, found in runs.items() for run in found]
-
-
-def _left_line(run: list[Left], words: str, by_layer: bool) -> str:
-    height = f"z {run[0].z_bottom:.2f}-{run[-1].z_top:.2f} mm"
-    if by_layer:
-        height = f"layers {run[0].z_bottom:.0f}-{run[-1].z_top - 1.0:.0f}"
-    most = max(item.count for item in run)
-    if run[0].kind == "unfaced":
-        return f"{height}: {words}: {max(item.volume_mm3 for item in run):.1f} mm² of a top stay as deposited, at {run[-1].place} mm"
-    if run[0].kind == "beside":
-        return f"{height}: {words}: {sum(item.volume_mm3 for item in run):.0f} mm² of it stay as deposited"
-    if not most:
-        return f"{height}: {words}"
-    volume = sum(item.volume_mm3 for item in run)
-    return f"{height}: {most} {words}, {volume:.1f} mm³, first at {run[0].place} mm"

@@ -133,7 +133,7 @@ def test_leaning_layers_are_as_wide_as_their_widest_section() -> None:
 
 def test_walls_too_thin_for_any_bead_are_refused() -> None:
     with pytest.raises(PlanningError, match="thinner than"):
-        plan(tube(9.7, 10.0, 1.6), Recipe(process="deposit", layer_height_mm=0.8))
+        plan(tube(9.7, 10.0, 1.6), QUICK.model_copy(update={"process": "deposit"}))
 
 
 def test_direction_without_length_is_refused() -> None:
@@ -147,6 +147,37 @@ def test_bodies_with_air_between_them_in_height_are_refused() -> None:
     both = Mesh(np.vstack([low.vertices, high.vertices]), np.vstack([low.facets, high.facets + len(low.vertices)]))
     with pytest.raises(PlanningError, match="nothing of the part"):
         plan(both, QUICK)
+
+
+def test_a_small_change_of_the_mesh_is_a_small_change_of_the_plan() -> None:
+    mesh = frustum(12.0, 11.0, 2.4, sections=40)
+    shaken = Mesh(mesh.vertices + np.random.default_rng(5).uniform(-1e-4, 1e-4, mesh.vertices.shape), mesh.facets)
+    first, second = plan(mesh, QUICK), plan(shaken, QUICK)
+    assert len(first.layers) == len(second.layers)
+    assert len(first.subcomponents) == len(second.subcomponents) == 1
+    assert [op.process for op in first.operations] == [op.process for op in second.operations]
+    for name, volume in first.volumes_mm3.items():
+        assert second.volumes_mm3[name] == pytest.approx(volume, rel=0.01)
+
+
+def test_bodies_side_by_side_are_built_layer_by_layer_together() -> None:
+    one = box(8.0, 8.0, 1.6).transformed([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.8], [0, 0, 0, 1]])
+    other = one.transformed([[1, 0, 0, 20.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    both = Mesh(np.vstack([one.vertices, other.vertices]), np.vstack([one.facets, other.facets + len(one.vertices)]))
+    made = plan(both, QUICK)
+    assert len(made.layers) == 2
+    for layer in made.layers:
+        assert [contour.parent for contour in layer.contours] == [-1, -1]
+        assert layer.overhang_mm2 == pytest.approx(0.0)
+
+
+def test_a_plan_names_its_one_piece_and_set_up() -> None:
+    made = plan(box(12.0, 12.0, 1.6), QUICK)
+    (piece,), (setup,) = made.subcomponents, made.setups
+    assert piece.layers == (0, len(made.layers)) and piece.parent == -1 and piece.support_mm3 == 0.0
+    assert setup.turn == "as clamped" and setup.subcomponents == (0,)
+    assert piece.volume_mm3 == pytest.approx(12.0 * 12.0 * 1.6)
+    assert all(layer.thickness_mm == pytest.approx((0.8, 0.8)) for layer in made.layers)
 
 
 def test_names_of_the_package_are_the_functions() -> None:
