@@ -39,13 +39,14 @@ class TurnedBand:
 
     band : in the band's frame: z = normal of its bottom plane, z = 0 well under it; of a band on the base in it
     build_from_band : (4, 4) float, rigid   narrow : holes that the cutter does not enter, band frame, mm; not in band.region
-    base : (6,) float, band frame   the piece's base plane
+    base : (6,) float, band frame   the piece's base plane   base_radius_mm : of its base about that plane's point
     """
 
     band: Band
     build_from_band: Floats
     narrow: MultiPolygon
     base: Floats
+    base_radius_mm: float
 
 
 def make_turned_bands(layers: Sequence[TurnedLayer], mesh: Mesh, settings: Settings) -> Iterator[TurnedBand]:
@@ -134,7 +135,8 @@ def _band(layers: Sequence[TurnedLayer], first: int, last: int, mesh: Mesh, sett
     back = np.linalg.inv(build_from_band)
     base = layers[0].bottom
     plane = np.concatenate([back[:3, :3] @ base[:3] + back[:3, 3], back[:3, :3] @ base[3:]])
-    return TurnedBand(band, build_from_band, narrow, plane)
+    radius = float(np.linalg.norm(shapely.get_coordinates(layers[0].region.areas[0]), axis=1).max(initial=0.0))
+    return TurnedBand(band, build_from_band, narrow, plane, radius)
 
 
 def _fits(walls: tuple[Wall, ...], members: Sequence[TurnedLayer], settings: Settings) -> bool:

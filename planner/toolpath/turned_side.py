@@ -48,7 +48,7 @@ def turned_side_operations(
     passes: list[Pass] = []
     barred = blocked_near(band.region, band.z_bottom, excess_mm, settings, stands)
     if band.kind == "ruled":
-        passes = _ruled_passes(made, under, excess_mm, run_down_mm, settings, barred)
+        passes = _ruled_passes(made, under, excess_mm, run_down_mm, settings, barred, stands is None)
     if not passes:
         stepped = replace(band, kind="stepped") if band.kind == "ruled" else band
         return side_operations(stepped, under, excess_mm, run_down_mm, settings, stands=stands)
@@ -80,12 +80,16 @@ def _ruled_passes(
     run_down_mm: float,
     settings: Settings,
     barred: MultiPolygon,
+    is_on_plate: bool,
 ) -> list[Pass]:
-    """Passes round all walls, wall by wall; none if the flank cannot follow one of them."""
+    """Passes round all walls, wall by wall; none if the flank cannot follow one of them.
+
+    barred : where what else stands keeps the tip away   is_on_plate : nothing else stands, the base plane goes on everywhere.
+    """
     band = made.band
     on_base = band.first == 0
     below = under if band.continues else ()
-    reach = depths(below, made, OVERLAP_MM + run_down_mm, settings)
+    reach = depths(below, made, OVERLAP_MM + run_down_mm, settings, is_on_plate)
     passes: list[Pass] = []
     keep_out = outset(band.region, settings.cutter_radius_mm - _ARC_ROOM_MM)
     for wall in band.walls:
@@ -135,11 +139,14 @@ def _between(motion: Motion, begin: float, end: float) -> Motion:
     return part if begin <= 1e-6 else part.from_arc(begin)[1]
 
 
-def depths(under: Sequence[LayerRegion], made: TurnedBand, most_mm: float, settings: Settings) -> DepthAt:
+def depths(
+    under: Sequence[LayerRegion], made: TurnedBand, most_mm: float, settings: Settings, is_on_plate: bool = True
+) -> DepthAt:
     """How far poses may reach under a band: as long as the cutter's axis keeps its distance from what stands there.
 
     under : from the lowest, up to the band's bottom; none: no deeper than that   most_mm : no deeper than so. Where the
-    cutter's end would dip under the piece's base plane, it is lifted: the depth is negative.
+    cutter's end would dip under the piece's base plane, it is lifted: the depth is negative. On a plate that plane goes on
+    everywhere, on another piece round the base only.
     """
     z_bottom = made.band.z_bottom
     levels: list[tuple[float, MultiPolygon]] = []
@@ -178,7 +185,11 @@ def depths(under: Sequence[LayerRegion], made: TurnedBand, most_mm: float, setti
         along = axes @ normal
         spare = (tips - point) @ normal - settings.cutter_radius_mm * np.sqrt(np.maximum(1.0 - along**2, 0.0))
         depth = spare * axes[:, 2] / np.maximum(along, _ALONG)
-        return np.where(along > _ALONG, np.maximum(depth, made.band.z_bottom - made.band.z_top), most_mm)
+        flat = tips - point - ((tips - point) @ normal)[:, None] * normal
+        near = np.linalg.norm(flat, axis=1) <= made.base_radius_mm + settings.cutter_diameter_mm
+        return np.where(
+            (along > _ALONG) & (near | is_on_plate), np.maximum(depth, made.band.z_bottom - made.band.z_top), most_mm
+        )
 
     return depth_at
 
