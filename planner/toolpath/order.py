@@ -145,7 +145,7 @@ def build_up(
                 sequence.bore(boring, layer.index)
             sequence.operations.setdefault(layer.index, []).extend(sequence.closing)
         finished(layer, sequence.operations.get(layer.index, []))
-    if not sequence.operations:
+    if not any(sequence.operations.values()):
         raise PlanningError(
             f"nothing can be deposited: all walls are thinner than {THINNEST * beads[0].width_mm:.2f} mm, "
             f"{THINNEST:g} of the bead's width",
