@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import sys
 import time
 from pathlib import Path
@@ -29,6 +30,8 @@ GRID_MM = 0.25
 UPRIGHT = {"overhang": "upright", "axis_layers": "never"}
 """What a fixed vertical head is: recipe fields."""
 
+LIMIT_CPU_S = 420
+"""For a part from mesh to proof; the system ends the process then."""
 Figures = dict[str, Any]
 
 
@@ -123,6 +126,7 @@ def main(name: str, folder: Path, segments: int, changes: dict[str, Any], stages
 
     changes : recipe fields to replace; a suffix for the pictures comes with them as `_name`   stages : "plan" or "proof"
     """
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT_CPU_S, LIMIT_CPU_S + 10))
     suffix = changes.pop("_name", "")
     figures: Figures = {"stage": "plan"}
     try:
