@@ -20,7 +20,9 @@ from cellctl.planning.task import (
 )
 
 if TYPE_CHECKING:
+    from config.cell import Cell
     from planner.mesh import Finding, Mesh
+    from planner.plan import Plan
     from planner.recipe import Recipe
 
 Report = Callable[[str, float], None]
@@ -63,16 +65,46 @@ def recipe_of(task: Task) -> Recipe:
     return recipe.model_copy(update={"stock": task.stock}) if task.stock else recipe
 
 
-def check_room(mesh: Mesh, recipe: Recipe, cell_file: str) -> None:
-    """Refuse a part that has no room in the cell before time goes into its plan. Raises PlannerError, ConfigError."""
-    from config import load_cell
-    from planner.pipeline import build_direction, build_frame
+def check_size(mesh: Mesh, recipe: Recipe, cell_file: str) -> None:
+    """Refuse, before time goes into its plan, a part that is too large for the cell whichever way the planner may build it.
+
+    Where it will stand is known with its plan (`check_room`). Raises PlannerError, ConfigError.
+    """
+    import numpy as np
+
+    from planner.decompose.direction import build_directions
+    from planner.errors import PostError
+    from planner.pipeline import build_frame
     from planner.post.room import check_volume, table_from_build
 
-    cell = load_cell(cell_file)
-    placed = table_from_build(cell.placement.part_origin_mm, cell.placement.rotation_deg)
-    direction, _ = build_direction(mesh, recipe)
-    check_volume(mesh.transformed(build_frame(mesh, direction, recipe.turn_deg)).bounds, cell, placed)
+    cell = _cell(cell_file)
+    low, high = np.array(cell.build_volume.min_mm), np.array(cell.build_volume.max_mm)
+    refused: list[PostError] = []
+    for direction in build_directions(mesh, recipe):
+        placed = table_from_build((0.0, 0.0, 0.0), cell.placement.rotation_deg)
+        bounds = mesh.transformed(build_frame(mesh, direction, recipe.turn_deg)).bounds
+        placed[:3, 3] = 0.5 * (low + high) - placed[:3, :3] @ bounds.mean(axis=0)
+        try:
+            check_volume(bounds, cell, placed)
+        except PostError as error:
+            refused.append(error)
+        else:
+            return
+    raise refused[0]
+
+
+def check_room(plan: Plan, cell_file: str) -> None:
+    """Refuse a part that has no room in the cell as its plan places it. Raises PlannerError, ConfigError."""
+    from planner.post.room import check_volume, table_from_build
+
+    cell = _cell(cell_file)
+    check_volume(plan.bounds, cell, table_from_build(cell.placement.part_origin_mm, cell.placement.rotation_deg))
+
+
+def _cell(cell_file: str) -> Cell:
+    from config import load_cell
+
+    return load_cell(cell_file)
 
 
 def plan(task: Task, report: Report) -> dict[str, Any]:
@@ -85,7 +117,7 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
     loaded = load_checked(Path(task.mesh), task.units)
     recipe = recipe_of(task)
     if task.cell:
-        check_room(loaded.mesh, recipe, task.cell)
+        check_size(loaded.mesh, recipe, task.cell)
     views = Path(task.folder) / VIEW_FOLDER
     views.mkdir()
     number = count()
@@ -96,6 +128,8 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
         progress=report,
         on_layer=lambda layer: write_layer(layer, next(number), views),
     )
+    if task.cell:
+        check_room(made, task.cell)
     write_plan(made, Path(task.folder) / PLAN_FILE)
     write_overview(made, views)
     return {"layers": len(made.layers), "findings": list(made.findings), "volumes_mm3": dict(made.volumes_mm3)}

@@ -28,6 +28,13 @@ def build_direction(mesh: Mesh, recipe: Recipe) -> tuple[Floats, list[str]]:
     return asked_direction(recipe.build_direction, "build_direction"), []
 
 
+def build_directions(mesh: Mesh, recipe: Recipe) -> list[Floats]:
+    """Unit directions, part frame, of which the first piece's will be one.  Raises RecipeError if the one asked for has no length."""
+    if recipe.build_direction == "auto":
+        return candidate_directions(mesh)
+    return [asked_direction(recipe.build_direction, "build_direction")]
+
+
 def asked_direction(asked: tuple[float, float, float], name: str) -> Floats:
     """(3,) float   A recipe's direction as a unit vector.  name : of its field.  Raises RecipeError if it has no length."""
     vector = np.array(asked, dtype=np.float64)

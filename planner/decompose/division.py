@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planner.decompose.blocks import Block, first_block, freed, stands_on, with_path
 from planner.decompose.branches import branched
 from planner.decompose.cutting import Body
-from planner.decompose.direction import asked_direction, build_frame, candidate_directions
+from planner.decompose.direction import build_directions, build_frame, candidate_directions
 from planner.decompose.members import Member, Ways, members
 from planner.decompose.order import Blocked, Standing, build_order
 from planner.decompose.outcome import pieces_of_blocks
@@ -67,9 +67,9 @@ def divide(mesh: Mesh, recipe: Recipe, settings: Settings) -> Division:
 
 def _first_directions(ways: Ways, recipe: Recipe) -> list[Floats]:
     """The recipe's build direction, or those of the candidates in which the part has a base; all if it has none in any."""
+    every = build_directions(ways.mesh, recipe)
     if recipe.build_direction != "auto":
-        return [asked_direction(recipe.build_direction, "build_direction")]
-    every = candidate_directions(ways.mesh)
+        return every
     shadow = 0.25 * float(ways.mesh.areas.sum())
     blocks = [first_block(ways, Body.whole(ways.mesh), direction) for direction in every]
     standing = [block for block in blocks if block.joint_mm2 >= _LEAST_BASE * shadow] or blocks
