@@ -78,6 +78,14 @@ class Standing:
         high = shapely.buffer(self.shadow(z + stickout_mm(settings)), holder_radius_mm(settings), quad_segs=32)
         return polygons(shapely.union(near, high))
 
+    def seen_from(self, frame_from_piece: Floats) -> Standing:
+        """The same in another frame.  frame_from_piece : (4, 4) float, rigid"""
+        return Standing(
+            [mesh.transformed(frame_from_piece) for mesh in self.meshes],
+            self.plate.transformed(frame_from_piece),
+            self.table.transformed(frame_from_piece),
+        )
+
     def height_over(self, region: MultiPolygon, beside_mm: float) -> float:
         """How high what stands reaches over the hull of a region and a distance beside it, mm; 0 where nothing does."""
         reach = shapely.buffer(region.convex_hull, beside_mm)

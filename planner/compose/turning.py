@@ -15,6 +15,7 @@ from planner.compose.work import Work
 from planner.plan import Contour, Layer, Operation, Wall
 from planner.slicing.turned_outlines import plan_outlines
 from planner.slicing.turning import TurnedLayer, turned_layers
+from planner.toolpath.beside import Stands
 from planner.toolpath.links import Pose, linked, taken_up
 from planner.toolpath.placed import in_build
 from planner.toolpath.turning import TurnedWork, turned_operations
@@ -58,7 +59,15 @@ def turning_piece(work: Work) -> Made:
 
 
 def _steps(work: Work, layers: Sequence[TurnedLayer]) -> Iterator[TurnedWork]:
-    return turned_operations(work.piece.mesh, layers, work.settings)
+    """The work on each layer, cutters kept clear of what stands."""
+    standing = work.standing
+    if standing is None or not standing.meshes:
+        return turned_operations(work.piece.mesh, layers, work.settings)
+
+    def stands_in(build_from_frame: Floats) -> Stands:
+        return standing.seen_from(np.linalg.inv(build_from_frame) @ work.piece.build_from_piece).keep_out
+
+    return turned_operations(work.piece.mesh, layers, work.settings, stands_in=stands_in)
 
 
 def _outlines(work: Work, layers: Sequence[TurnedLayer]) -> Iterator[Outlines]:
