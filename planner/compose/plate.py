@@ -65,14 +65,22 @@ def shifted(division: Division, shift_mm: Floats) -> Division:
 
 
 def _pull(pieces: tuple[Piece, ...]) -> Floats:
-    """(2,) float   Towards which edges: -1, 0 or 1 along x and y, where pieces grow sideways near the plate."""
-    pull, whole = np.zeros(2), 0.0
+    """(2,) float   Towards which edges: -1, 0 or 1 along x and y, where pieces grow sideways near the plate.
+
+    Each axis is judged by the pieces that grow along it. Where only one edge is asked for, the part goes to that edge's
+    corner: clamps hold a plate at the middles of its edges.
+    """
+    pull, whole = np.zeros(2), np.zeros(2)
     for piece in pieces:
         flat = piece.direction[:2]
         if piece.parent >= 0 and np.linalg.norm(flat) >= _SIDEWAYS and piece.mesh.bounds[0, 2] < _NEAR_MM:
-            pull += np.where(np.abs(flat) >= 0.5 * _SIDEWAYS, np.sign(flat), 0.0) * piece.mesh.volume
-            whole += piece.mesh.volume
-    return np.where(np.abs(pull) > _ONE_SIDED * whole, np.sign(pull), 0.0)
+            along = np.where(np.abs(flat) >= 0.5 * _SIDEWAYS, np.sign(flat), 0.0)
+            pull += along * piece.mesh.volume
+            whole += np.abs(along) * piece.mesh.volume
+    asked = np.where(np.abs(pull) > _ONE_SIDED * whole, np.sign(pull), 0.0)
+    if asked.any():
+        asked = np.where(whole > 0.0, asked, 1.0)
+    return asked
 
 
 def _moved(piece: Piece, move: Floats) -> Piece:

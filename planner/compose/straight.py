@@ -16,6 +16,7 @@ from planner.decompose.bores import filled, hanging_bores
 from planner.errors import PlanningError
 from planner.handout import Handout
 from planner.mesh.mesh import Mesh
+from planner.mesh.winding import body_of_facet
 from planner.process import Settings
 from planner.slicing.contours import ContourStyle, doubted
 from planner.slicing.fitted import fitted_shapes
@@ -30,6 +31,7 @@ from planner.toolpath.tops import finished_tops, layer_beads
 Floats = NDArray[np.float64]
 
 _OVERHANG_WORTH_MM2 = 0.5  # smaller unsupported areas are the rounding of sections
+_LOOSE_MM = 0.1  # a body that begins higher above its base stands on nothing
 _WAY_MM = 1.0  # beside a piece, for what ways between its passes go over
 
 
@@ -39,6 +41,7 @@ def straight_piece(work: Work) -> Made:
     build_from_piece = work.piece.build_from_piece
     is_there = np.array_equal(build_from_piece, np.eye(4))
     mesh = work.piece.mesh if is_there else work.piece.mesh.transformed(np.linalg.inv(build_from_piece))
+    _refuse_loose(mesh)
     support = work.support()
     solid, holes, findings = _bored(with_support(mesh, support), settings, work.standing)
     say("layers", 0.0)
@@ -135,6 +138,21 @@ def _begun(work: Work, regions: list[LayerRegion], lean: Lean | None) -> Sequenc
         depth = RUNS_DOWN * work.settings.bead_for(regions[0].height_mm).crest_mm
         begun.under = work.standing.layers_under(depth, regions[0].height_mm)
     return begun
+
+
+def _refuse_loose(mesh: Mesh) -> None:
+    """Raise PlanningError where a body of a piece rests on nothing that stays.  mesh : piece frame, mm"""
+    bodies = body_of_facet(mesh)
+    for number in range(int(bodies.max()) + 1):
+        corners = mesh.corners[bodies == number]
+        solid = float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) > 0.0
+        lowest = float(corners[..., 2].min())
+        if solid and lowest > _LOOSE_MM:
+            x, y, z = corners.mean(axis=(0, 1))
+            raise PlanningError(
+                f"nothing of the part holds the body around ({x:.1f}, {y:.1f}, {z:.1f}) mm: it begins {lowest:.2f} mm above its base",
+                "plan the bodies one by one",
+            )
 
 
 def _refuse_empty(regions: list[LayerRegion]) -> None:
