@@ -16,11 +16,11 @@ from planner.toolpath.corners import into_corners
 from planner.toolpath.fitting import Stretch
 from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
 from planner.toolpath.relief import Relief
+from planner.toolpath.tilt import GOLDEN
 
 Floats = NDArray[np.float64]
 
 PATH_TOLERANCE_MM = 2e-3  # of toolpaths from the exact offset: a fifth of the machine's chord tolerance
-_GOLDEN = 0.5 * (3.0 - 5.0**0.5)  # share of a turn by which the start moves from layer to layer: never near an earlier one
 _START_SAMPLES = 180  # round a loop: two degrees are near enough to spread starts
 _LEAST_MM = 1e-3  # of a bead before another begins
 _OVERLAP = 0.15  # of the bead's width by which a closed bead runs past its start
@@ -57,7 +57,7 @@ def contour_passes(
             centre = into_corners(centre, bead, settings)
         for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
             loop = lifted(ring.curve, z)
-            start = (_rightmost(loop) / loop.length + _GOLDEN * (layer + number)) % 1.0
+            start = (_rightmost(loop) / loop.length + GOLDEN * (layer + number)) % 1.0
             passes.append(closed_bead(loop.started_at(start * loop.length), bead, settings, relief=relief))
     return passes
 
@@ -132,7 +132,11 @@ def _with_leads(
     facts = settings.material.deposition
     gas = facts.shield_gas_l_min.usual
     lead = facts.lead_in_mm
-    rows = [bead_row(lead + stretch.at_mm, stretch.bead, gas, True) for stretch in stretches if stretch.at_mm < lit_mm - _LEAST_MM]
+    rows = [
+        bead_row(lead + stretch.at_mm, stretch.bead, gas, True)
+        for stretch in stretches
+        if stretch.at_mm < lit_mm - _LEAST_MM
+    ]
     if lead > 0.0:
         start, axis, _, _ = first.ends()
         pieces = [straight([start - lead * first.tangent(), start], axis), *pieces]

@@ -61,19 +61,21 @@ def deposit_operations(
     is_top: bool = False,
     *,
     height_at: Callable[[Floats], Floats] | None = None,
+    below: LayerRegion | None = None,
 ) -> tuple[list[Operation], list[Dropped]]:
     """Operations that deposit a layer on its lower plane, without links, and what falls away.
 
     bead : for the layer's greatest height   is_top : part of the layer's top is a finished face
     height_at : (n, 2) float, mm, in the layer's plane, to (n,) float, mm, the layer's height there; the beads' heights follow
     it along each pass, by speed and powder. None: as high everywhere as the two planes are apart.
+    below : the layer below, where walls may begin to lean between the two.
     Raises RecipeError if the material's window has no bead as high as asked.
     """
     relief = Relief.of(layer, bead, settings, height_at) if height_at is not None else None
     growth = outside_mm(bead, settings)
     grown = grown_region(layer, bead, settings)
     middle = outset(layer.areas[1], growth) if growth > 0.0 else layer.areas[1]
-    hanging = overhang_passes(layer, grown, middle, growth, bead, settings, height_at)
+    hanging = overhang_passes(layer, grown, middle, growth, bead, settings, height_at, below)
     grown = hanging.rest
     middles, dropped, wide = _thin_passes(grown, layer, bead, settings, relief)
     contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings, relief)

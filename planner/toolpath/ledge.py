@@ -16,7 +16,7 @@ from planner.slicing.regions import LayerRegion
 from planner.toolpath.clearance import cleared_tilt
 from planner.toolpath.contour import closed_bead, open_bead
 from planner.toolpath.fitting import Stretch, fitted_bead
-from planner.toolpath.tilt import TURN_DEG_S, axes_of, smoothed, tilted_motion
+from planner.toolpath.tilt import TURN_DEG_S, axes_of, smoothed, spread_rows, tilted_motion
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def _passes_over(
     for number in range(count):
         line = _edge(part, layer.overlap, number * step)
         for piece in line:
-            made = _outward_pass(piece, step, bead, layer, settings)
+            made = _outward_pass(piece, layer.index + number, step, bead, layer, settings)
             if made is not None:
                 passes.append(made)
     return passes
@@ -89,9 +89,9 @@ def _edge(part: Polygon, overlap: MultiPolygon, distance_mm: float) -> list[shap
 
 
 def _outward_pass(
-    line: shapely.Geometry, step_mm: float, bead: Bead, layer: LayerRegion, settings: Settings
+    line: shapely.Geometry, number: int, step_mm: float, bead: Bead, layer: LayerRegion, settings: Settings
 ) -> Pass | None:
-    """One tilted pass along an edge, the head leaning the way in which the layer grows."""
+    """One tilted pass along an edge, the head leaning the way in which the layer grows.  number : spreads the starts"""
     closed = bool(line.is_ring)
     count = max(4, int(np.ceil(line.length / _STEP_MM)))
     spacing = line.length / (count if closed else count - 1)
@@ -109,7 +109,8 @@ def _outward_pass(
     tilt = cleared_tilt(points, outward, np.full(count, settings.material.deposition.max_tilt_deg), layer)
     axes = axes_of(outward, smoothed(tilt[:, None], spacing, closed)[:, 0])
     tips = np.column_stack([points, np.full(count, layer.z_bottom + _TIP_UP * layer.height_mm)])
-    motion = tilted_motion(tips, axes, closed)
+    rows = spread_rows(tips, number, closed)
+    motion = tilted_motion(tips[rows], axes[rows], closed)
     made = _ledge_bead(step_mm, bead, layer, settings)
     return (closed_bead if closed else open_bead)(motion, made, settings, [Stretch(0.0, made)])
 

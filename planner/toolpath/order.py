@@ -32,7 +32,7 @@ class Sequence:
     """Operations as they are put in order, and the state of the part while they are.
 
     metal_top : highest metal, mm   above_mm : metal over the nominal top since the last facing
-    here : where the tool is   deposited_mm3 : nominal
+    here : where the tool is   deposited_mm3 : nominal   below : layer that was deposited last
     standing_mm : how high what else stands reaches under the ways   under : what stands below the base plane, as layers
     stands : what a cutter must keep clear of   lean : how the head keeps clear of it
     last : operation   closing : linked operations that end the piece
@@ -51,6 +51,7 @@ class Sequence:
     here: Pose | None = None
     deposited_mm3: float = 0.0
     findings: list[str] = field(default_factory=list)
+    below: LayerRegion | None = None
     dropped: list[Dropped] = field(default_factory=list)
     left: list[Left] = field(default_factory=list)
     operations: dict[int, list[Operation]] = field(default_factory=dict)
@@ -66,7 +67,8 @@ class Sequence:
 
     def deposit(self, layer: LayerRegion, bead: Bead, is_top: bool) -> None:
         """A layer's deposition.  is_top : part of its top is a finished face."""
-        operations, dropped = deposit_operations(layer, bead, self.settings, is_top)
+        operations, dropped = deposit_operations(layer, bead, self.settings, is_top, below=self.below)
+        self.below = layer
         self.dropped.extend(dropped)
         self.above_mm += max(bead.height_mm - layer.height_mm, 0.0)
         self.unfaced += 1

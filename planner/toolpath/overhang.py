@@ -14,9 +14,10 @@ from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
 from planner.toolpath.contour import closed_bead, open_bead
 from planner.toolpath.fitting import Stretch, fitted_bead
+from planner.toolpath.heel import heel_pass
 from planner.toolpath.leaning import Heights, Run, leaning_runs
 from planner.toolpath.ledge import ledge_passes
-from planner.toolpath.tilt import TURN_DEG_S, across_axis, axes_of, smoothed, tilted_motion, turn_deg_mm
+from planner.toolpath.tilt import TURN_DEG_S, across_axis, axes_of, smoothed, spread_rows, tilted_motion, turn_deg_mm
 
 Floats = NDArray[np.float64]
 
@@ -51,11 +52,12 @@ def overhang_passes(
     bead: Bead,
     settings: Settings,
     height_at: Heights | None = None,
+    below: LayerRegion | None = None,
 ) -> Overhanging:
     """The passes that build what hangs out, and the region that is left to upright beads.
 
     grown : the layer's region with what is milled off, mm   middle : its section half-way up, grown by growth_mm
-    bead : of the layer   height_at : of a layer that is not equally high everywhere.
+    bead : of the layer   height_at : of a layer that is not equally high everywhere   below : the layer below, where known.
     Along walls that lean, beads stand on those of the layer below, along the tool axis; each takes the place of a strip
     of the layer as wide as it is across its axis. Undersides are closed by level passes from what carries them.
     Raises RecipeError if the material's window has no such bead.
@@ -66,6 +68,8 @@ def overhang_passes(
     taken = []
     for run in runs:
         widths = _widths(run, bead, settings)
+        heel = heel_pass(run, widths, layer, below, bead, settings)
+        passes += [heel] if heel is not None else []
         passes += _stack(run, widths, layer, bead, settings)
         taken.append(_strip(run, widths))
     if taken:
@@ -119,7 +123,9 @@ def _stack(run: Run, widths: Floats, layer: LayerRegion, bead: Bead, settings: S
         out = (up - 0.5 * run.height_mm) * lean - 0.5 * widths * run.share
         middles = np.column_stack([run.points + out[:, None] * run.outward, layer.z_bottom + up])
         tips = middles - (0.5 * run.share * step)[:, None] * axes + inward
-        made = _pass(tips, axes, widths, areas * _spread(middles, tips, run.closed), run, bead, settings)
+        metal = areas * _spread(middles, tips, run.closed)
+        rows = spread_rows(tips, layer.index + number, run.closed)
+        made = _pass(tips[rows], axes[rows], widths[rows], metal[rows], run, bead, settings)
         if made is not None:
             passes.append(made)
     return passes

@@ -13,13 +13,15 @@ from planner.toolpath.motion import Motion
 Floats = NDArray[np.float64]
 
 MARGIN_DEG = 5.0
-"""A bead is tilted by so much more than its wall leans beyond what holds without."""
-ALONG_FROM_DEG = 45.0
-LEAST_ALONG_DEG = 55.0
-"""Walls that lean more than the first are built along their tangent, as far as the material allows, and by no less than the
-second: what a bead hangs out by grows faster with the lean than a small tilt takes back."""
+"""Least tilt: what walls get that lean just more than what holds without."""
+ALONG_FROM_DEG = 50.0
+"""Walls that lean so much and more are built along their tangent, as far as the material allows. From the lean that holds without
+on, the tilt grows evenly up to there: from layer to layer of a curved wall it changes little, so that each bead lies flat on the
+one below."""
 TURN_DEG_S = 120.0
 """How fast the tool axis is turned about the layer's direction: rotary tables of five-axis machines reach 90 to 200."""
+GOLDEN = 0.5 * (3.0 - 5.0**0.5)
+"""Share of a turn by which the start moves from layer to layer: never near an earlier one."""
 _TILT_SHARE = 0.5  # of that speed: rotary axes that tilt a table are slower than those that spin it
 _SMOOTH_MM = 1.5  # of path on either side over which the axis is averaged: a bead's width and a half in all
 _CORNER_DEG = 40.0  # sharper turns of a path are corners
@@ -29,14 +31,16 @@ _LEAST_TURN = 1e-6  # rad: below it an axis stands upright or still
 def tilt_deg(lean_deg: ArrayLike, settings: Settings) -> Floats:
     """(n,) float   Tilt of the head over walls that lean so much from the layer's direction, outward.
 
-    0 up to the lean that the material holds without; from there what it takes to hold; over steep overhang along the
-    wall itself. Never more than the material allows.
+    0 up to the lean that the material holds without; from there growing evenly until it is along the wall itself. Never more
+    than the material allows.
     """
     facts = settings.material.deposition
     lean = np.asarray(lean_deg, dtype=np.float64)
-    needed = lean - facts.max_overhang_deg + MARGIN_DEG
-    tilt = np.where(lean > ALONG_FROM_DEG, np.maximum(lean, LEAST_ALONG_DEG), np.minimum(needed, lean))
-    return np.asarray(np.where(lean > facts.max_overhang_deg, np.minimum(tilt, facts.max_tilt_deg), 0.0))
+    holds = facts.max_overhang_deg
+    full = max(ALONG_FROM_DEG, holds + MARGIN_DEG)
+    growing = MARGIN_DEG + (full - MARGIN_DEG) * (lean - holds) / (full - holds)
+    tilt = np.where(lean > full, lean, growing)
+    return np.asarray(np.where(lean > holds, np.minimum(tilt, facts.max_tilt_deg), 0.0))
 
 
 def growth_share(lean_deg: Floats, tilt: Floats) -> Floats:
@@ -71,6 +75,19 @@ def smoothed(values: Floats, spacing_mm: float, closed: bool, reach_mm: float = 
         padded = np.vstack([np.repeat(values[:1], half, axis=0), values, np.repeat(values[-1:], half, axis=0)])
     sums = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(padded, axis=0)])
     return np.asarray((sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1))
+
+
+def spread_rows(points: Floats, number: int, closed: bool) -> NDArray[np.int64]:
+    """(n,) int   Rows in the order in which pass `number` of many upon each other runs, so that their starts do not line up.
+
+    points : (n, d) float. Closed passes begin a golden share of the round farther each time, counted from the point with the
+    largest x; open ones run to and fro.
+    """
+    rows = np.arange(len(points))
+    if not closed:
+        return rows if number % 2 == 0 else rows[::-1]
+    first = int(np.argmax(np.round(points[:, 0], 2))) + round(GOLDEN * number % 1.0 * len(points))
+    return np.roll(rows, -first)
 
 
 def tilted_motion(tips: Floats, axes: Floats, closed: bool) -> Motion:
