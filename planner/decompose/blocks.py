@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.decompose.corners import used_vertices
 from planner.decompose.cutting import Body, PlaneCut
 from planner.decompose.hanging import Hanging
 from planner.decompose.members import Member, Ways, may_bend, path_on
@@ -30,15 +32,20 @@ class Block:
     """A piece of the part, part frame.
 
     base : (6,) float, point (mm) and direction   cap : (m,) bool, its facets on what it stands on; None: it stands on the plate
-    hangs : what of it hangs   why : one line each
+    path : planes along its axis where its layers turn   why : one line each
     """
 
+    ways: Ways = field(repr=False)
     body: Body
     base: Floats
     cap: Flags | None
-    hangs: Hanging
     path: AxisPath | None = None
     why: tuple[str, ...] = ()
+
+    @cached_property
+    def hangs(self) -> Hanging:
+        """What hangs of it while it grows straight."""
+        return self.ways.hanging(self.body, self.base, self.cap)
 
     @property
     def mesh(self) -> Mesh:
@@ -58,10 +65,10 @@ class Block:
 
 def first_block(ways: Ways, body: Body, direction: Floats) -> Block:
     """A body that stands on the plate with its lowest point along a direction."""
-    used = body.mesh.vertices[np.unique(body.mesh.facets)]
+    used = body.mesh.vertices[used_vertices(body.mesh)]
     lowest = used[int(np.argmin(np.round(used @ direction, 6)))]
     base = np.concatenate([lowest, direction])
-    return Block(body, base, None, ways.hanging(body, base, None))
+    return Block(ways, body, base, None)
 
 
 def cut_off(ways: Ways, block: Block, plane: Floats, like: Floats | Flags, path: AxisPath | None, why: str) -> tuple[Block, Block]:
@@ -83,8 +90,8 @@ def cut_off(ways: Ways, block: Block, plane: Floats, like: Floats | Flags, path:
     base = _centred(plane, above.mesh, cap)
     rest_body = below.after(block.body)
     rest_cap = None if block.cap is None else _kept(block.cap, below.source)
-    rest = replace(block, body=rest_body, cap=rest_cap, hangs=ways.hanging(rest_body, block.base, rest_cap))
-    return rest, Block(beyond, base, cap, ways.hanging(beyond, base, cap), path, (why,))
+    rest = replace(block, body=rest_body, cap=rest_cap)
+    return rest, Block(ways, beyond, base, cap, path, (why,))
 
 
 def freed(ways: Ways, block: Block, taken: Sequence[Taken]) -> list[Block]:

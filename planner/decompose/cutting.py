@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from planner.decompose.capping import Caps, caps_of
+from planner.decompose.corners import edges_between, spans
 from planner.errors import PlanningError
 from planner.mesh.facets import pieces_of
 from planner.mesh.findings import place_text
@@ -60,10 +62,10 @@ class PlaneCut:
         self.mesh = mesh
         self._height = (mesh.vertices - self.plane[:3]) @ self.plane[3:]
         touch = FLAT_FRACTION * mesh.diagonal
-        side = np.where(self._height > touch, 1, np.where(self._height < -touch, -1, 0))
+        side = (self._height > touch).astype(np.int64) - (self._height < -touch)
         self._sides: Ints = side[mesh.facets]
         self._mate: Ints = mesh.across.reshape(-1, 3).astype(np.int64)
-        low, high = self._sides.min(axis=1), self._sides.max(axis=1)
+        low, high = spans(side, mesh.facets)
         self._crossed: Flags = (low < 0) & (high > 0)
         flat = (low == 0) & (high == 0)
         self._beyond: Flags = (high > 0) | (flat & (mesh.area_vectors @ self.plane[3:] < 0.0))
@@ -113,21 +115,13 @@ class PlaneCut:
 
     def _surfaces(self) -> Ints:
         """(m,) int   Connected surface beyond the plane that each facet belongs to; -1 for the others."""
-        joined = self._beyond[:, None] & (self._mate >= 0)
-        rows = np.flatnonzero(self._crossed)
-        sides = self._sides[rows]
-        joined[rows] &= (sides > 0) | (np.roll(sides, -1, axis=1) > 0)
-        joined &= self._beyond[np.maximum(self._mate, 0) // 3]
-        surface, _ = pieces_of(np.where(joined, self._mate, -1).ravel().astype(np.int32))
+        surface, _ = pieces_of(_joins(self._mate, self._sides, self._beyond, self._crossed))
         return np.where(self._beyond, surface, -1)
 
     def _made_caps(self, surface: Ints) -> Caps:
         """The caps over what bounds the surfaces beyond.  Raises PlanningError, naming the place, if one does not close."""
         crossed = np.flatnonzero(self._crossed)
-        after = np.roll(self._sides, -1, axis=1)
-        rim = (self._beyond & ~self._crossed)[:, None] & (self._sides == 0) & (after == 0)
-        rim &= (self._mate < 0) | ~self._beyond[np.maximum(self._mate, 0) // 3]
-        row, slot = np.nonzero(rim)
+        row, slot = _rim(self._mate, self._sides, self._beyond, self._crossed)
         tails = np.concatenate([self._exit[crossed], self.mesh.facets[row, slot]])
         heads = np.concatenate([self._entry[crossed], self.mesh.facets[row, (slot + 1) % 3]])
         facets = np.concatenate([crossed, row])
@@ -138,9 +132,8 @@ class PlaneCut:
         """Surfaces that a cap joins, and voids with what is around them, are one body: (m,) label and the count."""
         if not self._beyond.any():
             return surface, 0
-        names, label = np.unique(surface, return_inverse=True)
-        label = label.reshape(-1) - int(names[0] < 0)
-        root = np.arange(len(names) - int(names[0] < 0))
+        label, count = _numbered(surface)
+        root = np.arange(count)
         for pair in np.unique(np.sort(label[self._caps.joined], axis=1), axis=0):
             first, second = root[pair[0]], root[pair[1]]
             root[root == max(first, second)] = min(first, second)
@@ -254,9 +247,8 @@ def _contracted(mesh: Mesh, plane: Floats) -> tuple[Mesh, Ints]:
     """The mesh with edges that lie in the plane and are no longer than it is thick made points, and the facets that stay."""
     touch = FLAT_FRACTION * mesh.diagonal
     lies = np.abs((mesh.vertices - plane[:3]) @ plane[3:]) <= touch
-    tail, head = mesh.facets, np.roll(mesh.facets, -1, axis=1)
-    row, slot = np.nonzero(lies[tail] & lies[head])
-    start, end = tail[row, slot], head[row, slot]
+    row, slot = edges_between(mesh.facets, lies)
+    start, end = mesh.facets[row, slot], mesh.facets[row, (slot + 1) % 3]
     short = np.linalg.norm(mesh.vertices[start] - mesh.vertices[end], axis=1) <= 2.0 * touch
     every = np.arange(len(mesh.facets))
     if not short.any():
@@ -286,6 +278,46 @@ def _without_sheets(body: Body, thickness_mm: float) -> Body:
     area = np.bincount(number, weights=body.mesh.areas, minlength=count)
     solid = volume > thickness_mm * area
     return body if solid.all() else _taken(body, solid[number])
+
+
+def _numbered(surface: Ints) -> tuple[Ints, int]:
+    """(m,) int   Surfaces numbered through from 0 in the order of their numbers, -1 as it is; and how many there are."""
+    there = np.zeros(int(surface.max()) + 2, dtype=np.bool_)
+    there[surface] = True
+    there[-1] = False
+    number = np.where(there, np.cumsum(there) - 1, -1)
+    return number[surface], int(there.sum())
+
+
+@njit(cache=True)
+def _joins(mate: Ints, sides: Ints, beyond: Flags, crossed: Flags) -> NDArray[np.int32]:  # pragma: no cover
+    """(3m,) int32   Half-edge across each one at which the surface beyond the plane goes on; -1 where it does not."""
+    made = np.full(3 * len(beyond), -1, np.int32)
+    for f in range(len(beyond)):
+        if not beyond[f]:
+            continue
+        for k in range(3):
+            other = mate[f, k]
+            if other < 0 or not beyond[other // 3]:
+                continue
+            if crossed[f] and sides[f, k] <= 0 and sides[f, (k + 1) % 3] <= 0:
+                continue
+            made[3 * f + k] = other
+    return made
+
+
+@njit(cache=True)
+def _rim(mate: Ints, sides: Ints, beyond: Flags, crossed: Flags) -> tuple[Ints, Ints]:  # pragma: no cover
+    """Facet and slot of the edges in the plane at which whole facets beyond it end: (k,) each."""
+    rows, slots = [0 for _ in range(0)], [0 for _ in range(0)]
+    for f in range(len(beyond)):
+        if not beyond[f] or crossed[f]:
+            continue
+        for k in range(3):
+            if sides[f, k] == 0 and sides[f, (k + 1) % 3] == 0 and (mate[f, k] < 0 or not beyond[mate[f, k] // 3]):
+                rows.append(f)
+                slots.append(k)
+    return np.array(rows, dtype=np.int64), np.array(slots, dtype=np.int64)
 
 
 def _taken(body: Body, keep: Flags) -> Body:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.decompose.corners import used_vertices
 from planner.errors import RecipeError
 from planner.mesh.mesh import Mesh
 from planner.recipe import Recipe
@@ -15,6 +16,8 @@ Floats = NDArray[np.float64]
 _OVERHANG_DEG = 45.0
 """Faces that look down more than this from the horizontal direction of a wall count as overhang."""
 _FACET_CANDIDATES = 8  # largest flat faces that may lie on the substrate, besides the six axes
+_STEPS = 10_000  # of a normal's coordinate from 0 to 1: facets that differ by less are one flat face
+_WIDTH = 2 * _STEPS + 1
 _BASE_MM = 0.05  # faces within this height of the lowest point lie on the substrate
 _WEIGHTS = {"overhang": 1.0, "height": 0.3, "base": 0.5}
 """Of overhanging area, height and missing base, each relative to the part's size. Overhang costs most: it falls away;
@@ -53,7 +56,7 @@ def build_frame(mesh: Mesh, direction: Floats, turn_deg: float = 0.0) -> Floats:
     if turn_deg:
         cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
         rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ rotation
-    turned = mesh.vertices[np.unique(mesh.facets)] @ rotation.T
+    turned = mesh.vertices[used_vertices(mesh)] @ rotation.T
     low, high = turned.min(axis=0), turned.max(axis=0)
     build_from_part = np.eye(4)
     build_from_part[:3, :3] = rotation
@@ -90,7 +93,9 @@ def direction_score(mesh: Mesh, direction: Floats) -> float:
 def candidate_directions(mesh: Mesh) -> list[Floats]:
     """+z first (it wins a tie), the other axes, then the directions away from the largest flat faces."""
     axes = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=np.float64)
-    normals, group = np.unique(np.round(mesh.normals, 4) + 0.0, axis=0, return_inverse=True)
+    steps = np.rint(mesh.normals * _STEPS).astype(np.int64) + _STEPS
+    names, group = np.unique(steps @ [_WIDTH**2, _WIDTH, 1], return_inverse=True)
+    normals = (np.column_stack([names // _WIDTH**2, names // _WIDTH % _WIDTH, names % _WIDTH]) - _STEPS) / _STEPS
     areas = np.bincount(group.reshape(-1), weights=mesh.areas, minlength=len(normals))
     found = [axis for axis in axes]
     for number in np.argsort(-areas, kind="stable")[:_FACET_CANDIDATES]:

@@ -54,27 +54,25 @@ def divide(mesh: Mesh, recipe: Recipe, settings: Settings) -> Division:
     neither a direction nor support can make.
     """
     ways = Ways.of(mesh, settings)
-    firsts = _first_directions(ways, recipe)
+    directions = build_directions(mesh, recipe)
+    firsts = _first_blocks(ways, directions)
     if (recipe.decompose == "never" and not recipe.cuts) or recipe.process == "mill":
         found = [_whole(ways, first) for first in firsts]
     elif recipe.cuts:
         found = [_pinned(ways, first, recipe) for first in firsts]
     else:
-        found = _searched(ways, firsts)
+        found = _searched(ways, firsts, directions if recipe.build_direction == "auto" else candidate_directions(mesh))
     found.sort(key=lambda way: way.figures.score)
     return _division(ways, found, recipe)
 
 
-def _first_directions(ways: Ways, recipe: Recipe) -> list[Floats]:
-    """The recipe's build direction, or those of the candidates in which the part has a base; all if it has none in any."""
-    every = build_directions(ways.mesh, recipe)
-    if recipe.build_direction != "auto":
-        return every
+def _first_blocks(ways: Ways, directions: list[Floats]) -> list[Block]:
+    """The whole part along the directions in which it has a base, the most promising of them; along all if it has none in any."""
     shadow = 0.25 * float(ways.mesh.areas.sum())
-    blocks = [first_block(ways, Body.whole(ways.mesh), direction) for direction in every]
+    blocks = [first_block(ways, Body.whole(ways.mesh), direction) for direction in directions]
     standing = [block for block in blocks if block.joint_mm2 >= _LEAST_BASE * shadow] or blocks
     ranked = sorted(range(len(standing)), key=lambda n: (round(_promise(standing[n], shadow), 6), n))
-    return [standing[n].base[3:] for n in sorted(ranked[:_MOST_FIRST])]
+    return [standing[n] for n in sorted(ranked[:_MOST_FIRST])]
 
 
 def _promise(block: Block, shadow: float) -> float:
@@ -83,22 +81,20 @@ def _promise(block: Block, shadow: float) -> float:
     return (hangs.total_mm2 + hangs.foot_mm2 + 0.2 * hangs.tilted_mm2) / shadow - 0.5 * min(hangs.base_mm2 / shadow, 1.0)
 
 
-def _whole(ways: Ways, first: Floats) -> _Way:
-    block = with_path(ways, first_block(ways, Body.whole(ways.mesh), first))
+def _whole(ways: Ways, first: Block) -> _Way:
+    block = with_path(ways, first)
     return _Way([block], weighed(ways, [block], 0.0), {})
 
 
-def _pinned(ways: Ways, first: Floats, recipe: Recipe) -> _Way:
-    blocks, places = pinned(ways, first_block(ways, Body.whole(ways.mesh), first), recipe)
+def _pinned(ways: Ways, first: Block, recipe: Recipe) -> _Way:
+    blocks, places = pinned(ways, first, recipe)
     blocks = [with_path(ways, block) for block in blocks]
     return _Way(blocks, weighed(ways, blocks, 0.0), places)
 
 
-def _searched(ways: Ways, firsts: list[Floats]) -> list[_Way]:
+def _searched(ways: Ways, wholes: list[Block], directions: list[Floats]) -> list[_Way]:
     """For each first direction the members that would hang cut off, with and without branches as pieces of their own."""
-    wholes = [first_block(ways, Body.whole(ways.mesh), first) for first in firsts]
-    needed = np.sum([block.hangs.weights for block in wholes], axis=0) + _leaning(ways, firsts)
-    directions = candidate_directions(ways.mesh)
+    needed = np.sum([block.hangs.weights for block in wholes], axis=0) + _leaning(ways, [whole.base[3:] for whole in wholes])
     own = members(ways, seams(ways.mesh), directions, needed) if needed.any() else []
     shadow = 0.25 * float(ways.mesh.areas.sum())
     promising = sorted(range(len(wholes)), key=lambda n: (round(_promise(wholes[n], shadow), 6), n))

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planner.decompose.corners import seeds_of, shares_beyond, spans
 from planner.decompose.overhang import LEVEL_DEG, tilted_limit_deg
 from planner.mesh.facets import pieces_of
 from planner.mesh.mesh import Mesh
@@ -75,8 +76,8 @@ def hanging(mesh: Mesh, base: Floats, cap: Flags | None, limits: Limits, spared:
     direction = base[3:]
     height = (mesh.vertices - base[:3]) @ direction
     facing = mesh.normals @ direction
-    low = (np.abs(height[mesh.facets]) <= _ON_BASE_MM).all(axis=1) & (facing < -0.99)
-    stands = low if cap is None else cap
+    bottom, top = spans(height, mesh.facets)
+    stands = (bottom >= -_ON_BASE_MM) & (top <= _ON_BASE_MM) & (facing < -0.99) if cap is None else cap
     looks = (facing < -np.sin(np.radians(limits.upright_deg)) - 1e-6) & ~stands
     if spared is not None:
         looks &= ~spared
@@ -85,19 +86,15 @@ def hanging(mesh: Mesh, base: Floats, cap: Flags | None, limits: Limits, spared:
     base_mm2 = float(area[stands].sum())
     if not looks.any():
         return Hanging(weights, 0.0, 0.0, 0.0, base_mm2)
-    seeds = np.zeros(len(mesh.vertices), dtype=np.bool_)
-    seeds[mesh.facets.ravel()] = True
-    seeds[mesh.facets[facing <= 0.0]] = False
-    seeds[mesh.facets[stands]] = True
+    seeds = seeds_of(mesh.facets, facing > 0.0, stands, len(mesh.vertices))
     run = _runs(mesh.vertices, mesh.facets, direction, height, seeds, np.tan(np.radians(90.0 - LEVEL_DEG)), limits.reach_mm)
-    free = (run[mesh.facets] > limits.reach_mm).mean(axis=1)
+    free = shares_beyond(run, mesh.facets, limits.reach_mm)
     level = looks & (facing < -np.sin(np.radians(limits.tilted_deg)) - 1e-9)
     weights[looks] = (area * free)[looks]
     hangs = looks & (level | (free > 0.0))
     if hangs.any():
         weights = _patches(mesh, np.where(level, area, weights), hangs, level, free, limits)
     tilted = np.where(looks, area, 0.0) - weights
-    top = height[mesh.facets].max(axis=1)
     foot = looks & (top < limits.foot_mm * -facing) if cap is None else np.zeros(len(looks), dtype=np.bool_)
     return Hanging(weights, float(weights.sum()), float(tilted.sum()), float(tilted[foot].sum()), base_mm2)
 
@@ -152,7 +149,12 @@ def _runs(
     for v in range(count):
         if seeds[v]:
             run[v] = 0.0
-            queue.append((0.0, v))
+    for v in range(count):
+        if seeds[v]:
+            for slot in range(first[v], first[v + 1]):
+                if not seeds[others[slot]]:
+                    queue.append((0.0, v))
+                    break
     heapq.heapify(queue)
     while len(queue) > 0:
         at, v = heapq.heappop(queue)

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planner.decompose.corners import used_vertices
 from planner.mesh.mesh import Mesh
 from planner.slicing.section import plane_frame
 
@@ -50,7 +51,7 @@ def occupancy(mesh: Mesh, direction: Floats, cubes: int = CUBES) -> Occupancy:
     """
     axes = plane_frame(np.concatenate([np.zeros(3), direction]))[1:]
     points = mesh.vertices @ axes.T
-    used = points[np.unique(mesh.facets)]
+    used = points[used_vertices(mesh)]
     low, size = used.min(axis=0), np.ptp(used, axis=0)
     edge = _cube_edge(mesh, size, cubes)
     origin = low - edge * (1.0 + np.array(_OFFSET))

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from planner.collide.reach import PLATE, CutterShape, HeadShape, PointTree, Shape, reach, surface_points
 from planner.decompose.blocks import Block
+from planner.decompose.corners import used_vertices
+from planner.mesh.mesh import Mesh
 from planner.process import Settings
 
 Floats = NDArray[np.float64]
@@ -18,6 +20,7 @@ Flags = NDArray[np.bool_]
 _SAME_COS = 0.9999
 _TIPS = 160  # of a block that are looked at, for each tool
 _PITCH_MM = 1.5  # of what stands; a bead is wider
+_CELL = 1.0 / 3.0  # of the pitch
 _TILTS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0)
 _ROUND = 8  # ways in which the tool may lean
 _GAP_MM = 0.3  # a tool that is nearer touches
@@ -44,7 +47,7 @@ class Standing:
         self._settings = settings
         turn = build_from_part[:3, :3]
         shift = build_from_part[:3, 3] + _towards_edge(blocks, build_from_part, settings.recipe.substrate_mm)
-        self._points = [surface_points(block.mesh, _PITCH_MM) @ turn.T + shift for block in blocks]
+        self._points = [_surface(block.mesh) @ turn.T + shift for block in blocks]
         self._tips = [_tips(block, turn, shift) for block in blocks]
         self._plate = settings.recipe.substrate_mm
 
@@ -86,6 +89,18 @@ class Standing:
             return None
         names, times = np.unique(met[left], return_counts=True)
         return Blocked(number, int(names[int(np.argmax(times))]), name, len(left) / count)
+
+
+def _surface(mesh: Mesh) -> Floats:
+    """(n, 3) float, mm   Points of a mesh's surface, one in each cell of a grid: large facets sampled, small ones by their corners."""
+    longest = np.linalg.norm(np.roll(mesh.corners, -1, axis=1) - mesh.corners, axis=2).max(axis=1)
+    is_small = longest <= _PITCH_MM
+    corners = mesh.vertices[used_vertices(Mesh(mesh.vertices, mesh.facets[is_small]))]
+    points = np.concatenate([surface_points(Mesh(mesh.vertices, mesh.facets[~is_small]), _PITCH_MM), corners])
+    cells = np.floor(points / (_CELL * _PITCH_MM)).astype(np.int64)
+    cells -= cells.min(axis=0, initial=0)
+    _, first = np.unique(cells @ [1 << 40, 1 << 20, 1], return_index=True)
+    return np.asarray(points[np.sort(first)])
 
 
 def build_order(blocks: Sequence[Block], parents: Sequence[int], standing: Standing) -> tuple[list[int], list[Blocked]]:

@@ -92,15 +92,15 @@ def _all_beyond(ways: Ways, block: Block, plane: Floats, direction: Floats) -> t
             break
         like[mine] = 1.0
         rest, beyond = cut_off(ways, rest, plane, like, None, "cut where the recipe says")
-        made.append(_turned(ways, beyond, direction))
+        made.append(_turned(beyond, direction))
     return rest, made
 
 
-def _turned(ways: Ways, block: Block, direction: Floats) -> Block:
+def _turned(block: Block, direction: Floats) -> Block:
     """The block growing in another direction than across its cut, from the lowest point of its joint."""
     if float(direction @ block.base[3:]) > _ALIGNED:
         return block
     joint = block.mesh.vertices[np.unique(block.mesh.facets[block.cap])]
     lowest = joint[int(np.argmin(np.round(joint @ direction, 6)))]
     base = np.concatenate([lowest, direction])
-    return replace(block, base=base, hangs=ways.hanging(block.body, base, block.cap))
+    return replace(block, base=base)

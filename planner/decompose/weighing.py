@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.decompose.blocks import Block
+from planner.decompose.corners import used_vertices
 from planner.decompose.members import Ways
 from planner.decompose.search import COSTS
 from planner.plan import Candidate
@@ -35,7 +36,7 @@ def weighed(ways: Ways, blocks: Sequence[Block], joints_mm2: float) -> Candidate
     setups = setup_count([block.base[3:] for block in blocks])
     left = sum(block.left_mm2 for block in blocks)
     tilted = sum(block.hangs.tilted_mm2 for block in blocks if block.path is None)
-    height = float(np.ptp(mesh.vertices[mesh.facets].reshape(-1, 3) @ first.base[3:]))
+    height = float(np.ptp(mesh.vertices[used_vertices(mesh)] @ first.base[3:]))
     own_shadow = 0.5 * float((first.mesh.areas * np.abs(first.mesh.normals @ first.base[3:])).sum())
     score = (
         _hanging_cost(ways, left / shadow)
