@@ -11,13 +11,14 @@ from planner.decompose.blocks import Block, first_block, freed, stands_on, with_
 from planner.decompose.branches import branched
 from planner.decompose.cutting import Body
 from planner.decompose.direction import build_directions, build_frame, candidate_directions
-from planner.decompose.members import Member, Ways, members
+from planner.decompose.members import Member, Ways, distinct, members
 from planner.decompose.order import Blocked, Standing, build_order
 from planner.decompose.outcome import pieces_of_blocks
 from planner.decompose.pieces import Division
 from planner.decompose.pins import in_places, pinned
 from planner.decompose.seams import seams
 from planner.decompose.search import Search, Taken
+from planner.decompose.shares import share_findings
 from planner.decompose.skeleton import skeleton
 from planner.decompose.weighing import vector_text, weighed
 from planner.errors import PlanningError
@@ -180,7 +181,9 @@ def _division(ways: Ways, found: list[_Way], recipe: Recipe) -> Division:
     frame = build_frame(ways.mesh, way.blocks[0].base[3:], recipe.turn_deg)
     pieces, more = pieces_of_blocks(ways, way.blocks, order, parents, frame)
     part = ways.mesh.transformed(frame)
-    findings = [*_chosen_text(way, recipe, len(found)), *findings, *more]
+    firsts = distinct([one.blocks[0].base[3:] for one in found])
+    told = [] if recipe.process == "mill" else share_findings(ways, way.blocks[0].base[3:], firsts)
+    findings = [*_chosen_text(way, recipe, len(found)), *told, *findings, *more]
     return Division(frame, tuple(pieces), skeleton(part, np.array([0.0, 0.0, 1.0])), tuple(candidates), tuple(findings))
 
 

@@ -12,6 +12,7 @@ from planner.decompose.blocks import Block
 from planner.decompose.corners import used_vertices
 from planner.decompose.members import Ways
 from planner.decompose.search import COSTS
+from planner.decompose.shares import share_made
 from planner.plan import Candidate
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,6 @@ def weighed(ways: Ways, blocks: Sequence[Block], joints_mm2: float) -> Candidate
         + _WEIGHTS["height"] * height / mesh.diagonal
         + _WEIGHTS["base"] * (1.0 - min(first.joint_mm2 / max(own_shadow, 1e-9), 1.0))
     )
-    good = sum(block.mesh.volume for block in blocks if block.left_mm2 <= _HANGS_MM2)
     return Candidate(
         name=directions_text(blocks),
         subcomponents=len(blocks),
@@ -57,7 +57,7 @@ def weighed(ways: Ways, blocks: Sequence[Block], joints_mm2: float) -> Candidate
         joint_mm2=round(sum(block.joint_mm2 for block in blocks if block.cap is not None), 3),
         time_s=round(_time_s(ways, blocks, setups), 1),
         score=round(score, 6),
-        buildable=round(good / mesh.volume, 6),
+        buildable=round(share_made(ways, blocks), 6),
         chosen=False,
         note=_note(left, tilted, first),
     )
