@@ -5,31 +5,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import manifold3d  # type: ignore[import-not-found,unused-ignore]
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner.decompose.solids import mesh_of_solid, solid_of
+from planner.decompose.solids import solid_of
 from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh
 from planner.plan import Operation, Process
 from planner.process import Settings
 from planner.toolpath.access import Access
 from planner.toolpath.clearing_passes import level_passes
+from planner.toolpath.metal import Metal
 from planner.toolpath.roughing import box_mesh
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _PLATE_MM = 10.0  # of the substrate's thickness that can stand in a cutter's way
-_ELEVATIONS_DEG = (0.0, 20.0, 45.0)
-"""Of the cutter above the base plane: level, it finishes undersides with its flank; raised, it clears the plate."""
+_ELEVATIONS_DEG = (0.0, 10.0, 20.0, 35.0)
+"""Of the cutter above the base plane: level, it finishes undersides with its flank; raised, its holder clears the plate."""
 _AZIMUTHS = 8
-_COARSE_MM = 4.0  # levels by which directions are compared
-_FINE_MM = 2.0  # levels by which it is told what one direction reaches
-_MOST = 8  # directions that a support is cleared from
-_WORTH = 0.01  # of the support: what a further direction must take away
+_COARSE_MM = 2.0  # levels by which directions are compared
+_FINE_MM = 0.8  # levels by which it is told what one direction reaches
+_MOST = 6  # directions that a support is cleared from
+_RAISED = 0.8  # of a raised direction's worth at 45 degrees is lost: it needs terraces where a level flank finishes
+_WORTH = 0.015  # of the support: what a further direction must take away
 _BODY = 0.008  # of the support: smaller bodies that a direction reaches by chance are not worth its levels
 _LEFT_MM3 = 1.0  # less metal than this is rounding
+_CORNER = 0.35  # of the cutter's radius: half the thickness of metal that it leaves in inside corners, at most
 NOTE = "support"
 
 
@@ -53,13 +56,17 @@ class Clearing:
 
 @dataclass(frozen=True, eq=False)
 class Cleared:
-    """How a support goes.  clearings : in order   left : closed mesh of what no cutter reaches, mm, piece frame, or None
+    """How a support goes.
+
+    clearings : in order   left : (n, 3) float, mm, middles of the cells of metal that no cutter reaches, piece frame
+    left_mm3 : their volume   stuck_mm3 : of it, what is thicker than the rests in inside corners that every cutter leaves
     findings : one line each
     """
 
     clearings: tuple[Clearing, ...]
-    left: Mesh | None
+    left: Floats
     left_mm3: float
+    stuck_mm3: float
     findings: tuple[str, ...]
 
 
@@ -82,27 +89,27 @@ def clearing(
     Raises PlanningError if a mesh encloses no volume.
     """
     ways = default_directions() if directions is None else np.atleast_2d(np.asarray(directions, dtype=np.float64))
-    whole = solid_of(support)
+    metal = Metal.from_mesh(support)
     keep = solid_of(stands), solid_of(_plate(settings) if plate is None else plate)
     excess = _excess_mm(settings) if excess_mm is None else excess_mm
     cutters = [cutter for cutter in (settings, settings.with_small_cutter()) if cutter is not None]
-    metal = whole
+    there = np.ones(len(metal.numbers), dtype=np.bool_)
     found: list[Clearing] = []
     for cutter in cutters:
-        seen = [Access(way, *keep, whole, cutter) for way in ways]
-        while metal.volume() > _LEFT_MM3 and len(found) < _MOST:
-            chosen = _best(seen, metal, _WORTH * whole.volume())
+        ranking = _Ranking([Access(way, *keep, metal, cutter) for way in ways])
+        while metal.volume_mm3(there) > _LEFT_MM3 and len(found) < _MOST:
+            chosen = ranking.best(there, _WORTH * support.volume)
             if chosen is None:
                 break
-            seen.remove(chosen)
-            done, metal = _cleared(chosen, keep, metal, excess, _BODY * whole.volume())
-            if done is not None:
+            done, gone = _cleared(chosen, there, excess, _BODY * support.volume)
+            if done is not None and done.removed_mm3 > _BODY * support.volume:
                 found.append(done)
-    left = float(metal.volume())
-    if left <= _LEFT_MM3:
-        return Cleared(tuple(found), None, 0.0, tuple(_lines(found)))
-    rest = mesh_of_solid(metal)
-    return Cleared(tuple(found), rest, left, (*_lines(found), *_left_lines(metal)))
+                there &= ~gone
+    bodies = [body for body in metal.bodies(there) if len(body) * metal.cell_mm3 > _LEFT_MM3]
+    corner = _CORNER * cutters[-1].cutter_radius_mm
+    stuck = sum(len(body) for body in bodies if metal.half_thickness_mm(body) > corner) * metal.cell_mm3
+    lines = (*_lines(found), *_left_lines(metal, bodies, corner))
+    return Cleared(tuple(found), metal.points[there], metal.volume_mm3(there), stuck, lines)
 
 
 def default_directions() -> Floats:
@@ -113,52 +120,49 @@ def default_directions() -> Floats:
     return np.vstack([np.round(side.reshape(-1, 3), 12) + 0.0, [[0.0, 0.0, 1.0]]])
 
 
-def _best(seen: Sequence[Access], metal: manifold3d.Manifold, worth_mm3: float) -> Access | None:
-    """The direction from which most of the metal goes; the first of equals; None if none takes away enough.
+class _Ranking:
+    """Directions by the metal that goes from them. What was found for one holds until it would be the best."""
 
-    Level directions come first, as long as one of them is worth it: raised ones leave steps on undersides.
-    """
-    rises = sorted({round(float(access.direction[2]), 6) for access in seen})
-    for rise in rises:
-        best: tuple[float, Access] | None = None
-        for access in (access for access in seen if round(float(access.direction[2]), 6) == rise):
-            access.take(metal)
-            levels = access.levels(_COARSE_MM)
-            there = sum(access.section(float(z)).area for z in 0.5 * (levels[1:] + levels[:-1]))
-            left = sum(region.area for region in access.left_at(levels))
-            gone = (there - left) * float(levels[0] - levels[1])
-            if gone > max(worth_mm3, _LEFT_MM3) and (best is None or gone > 1.02 * best[0]):
-                best = (gone, access)
-        if best is not None:
-            return best[1]
-    return None
+    def __init__(self, seen: Sequence[Access]) -> None:
+        self._seen = list(seen)
+        self._gain = [np.inf] * len(seen)
+        self._weight = [1.0 - _RAISED * float(access.direction[2]) ** 2 for access in seen]
+
+    def best(self, there: Flags, worth_mm3: float) -> Access | None:
+        """The direction from which most of the metal goes, which is then used up; None if none is worth it.
+
+        The first of equals. Raised ones count less: they leave steps on undersides, where a level flank leaves none.
+        """
+        told: set[int] = set()
+        while True:
+            top = max(range(len(self._seen)), key=lambda k: (round(self._gain[k] * self._weight[k], 3), -k))
+            if top in told or self._gain[top] <= max(worth_mm3, _LEFT_MM3):
+                break
+            access = self._seen[top]
+            self._gain[top] = access.metal.volume_mm3(access.reached(there, _COARSE_MM))
+            told.add(top)
+        if self._gain[top] <= max(worth_mm3, _LEFT_MM3):
+            return None
+        self._gain[top] = 0.0
+        return self._seen[top]
 
 
-def _cleared(
-    access: Access,
-    keep: tuple[manifold3d.Manifold, manifold3d.Manifold],
-    metal: manifold3d.Manifold,
-    excess_mm: float,
-    least_mm3: float,
-) -> tuple[Clearing | None, manifold3d.Manifold]:
-    """What is milled from one direction, and the metal that stays.
+def _cleared(access: Access, there: Flags, excess_mm: float, least_mm3: float) -> tuple[Clearing | None, Flags]:
+    """What is milled from one direction, and which cells of the metal that removes.
 
     What the direction does not reach is left alone, so that no levels are spent on it, and kept clear of like the plate.
     least_mm3 : smaller bodies of metal are no goal.
     """
-    settings = access.settings
-    access.take(metal)
-    levels = access.levels(_FINE_MM)
-    stuck = access.without(levels, access.left_at(levels))
-    bodies = [body for body in (metal - stuck).decompose() if body.volume() > max(least_mm3, _LEFT_MM3)]
-    if not bodies:
-        return None, metal
-    goal = manifold3d.Manifold.batch_boolean(bodies, manifold3d.OpType.Add)
-    part, plate = keep
-    near = Access(access.direction, part, plate + stuck, goal, settings)
-    passes, levels, left = level_passes(near, excess_mm)
+    settings, metal = access.settings, access.metal
+    within = access.reached(there, _FINE_MM)
+    goal = np.zeros(len(there), dtype=np.bool_)
+    for body in metal.bodies(within):
+        goal[body] = len(body) * metal.cell_mm3 > max(least_mm3, _LEFT_MM3)
+    if metal.volume_mm3(goal) <= least_mm3:
+        return None, goal
+    passes, gone = level_passes(access, goal, there & ~within, excess_mm)
     if not passes:
-        return None, metal
+        return None, gone
     operation = Operation(
         Process.MILL_SIDE,
         0,
@@ -167,10 +171,8 @@ def _cleared(
         spindle_rpm=settings.spindle_rpm,
         note=NOTE,
     )
-    rest = (metal - goal) + near.without(levels, left)
-    removed = float(metal.volume() - rest.volume())
     back = np.asarray(np.linalg.inv(access.frame_from), dtype=np.float64)
-    return Clearing(access.direction, back, operation, access.top_mm, removed), rest
+    return Clearing(access.direction, back, operation, access.top_mm, metal.volume_mm3(gone)), gone
 
 
 def _plate(settings: Settings) -> Mesh:
@@ -192,15 +194,17 @@ def _lines(found: Sequence[Clearing]) -> list[str]:
     ]
 
 
-def _left_lines(metal: manifold3d.Manifold) -> list[str]:
-    """One line for each body that stays, largest first, at most three."""
-    bodies = sorted(metal.decompose(), key=lambda body: (-round(float(body.volume()), 3), body.bounding_box()))
+def _left_lines(metal: Metal, bodies: Sequence[NDArray[np.int64]], corner_mm: float) -> list[str]:
+    """One line for each of the three largest bodies that stay, and one for the others."""
     lines = []
     for body in bodies[:3]:
-        if body.volume() > _LEFT_MM3:
-            box = np.array(body.bounding_box())
-            lines.append(
-                f"support at {place_text(0.5 * (box[:3] + box[3:]))}, {body.volume():.0f} mm³: no cutter reaches it from any "
-                "side past the part and the plate: it stays"
-            )
-    return lines
+        points = metal.points[body]
+        where = place_text(0.5 * (points.min(axis=0) + points.max(axis=0)))
+        why = (
+            "no cutter reaches it from any side past the part and the plate"
+            if metal.half_thickness_mm(body) > corner_mm
+            else "the cutter's radius leaves it in an inside corner"
+        )
+        lines.append(f"support at {where}, {len(body) * metal.cell_mm3:.0f} mm³: {why}: it stays")
+    others = sum(len(body) for body in bodies[3:]) * metal.cell_mm3
+    return [*lines, f"{others:.0f} mm³ of support stay in {len(bodies) - 3} smaller places"] if len(bodies) > 3 else lines

@@ -17,68 +17,110 @@ from planner.toolpath.access import Access
 from planner.toolpath.motion import Motion, joined, process_pass, straight
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _TERRACE = 0.8  # of the tolerance: how far steps between levels may stand out of the part's surface
 _FINISH_MM = 0.3  # what roughing leaves on the part
 _ENTRY_MM = 1.0  # air before the metal where a stretch begins
-_HALVINGS = 5  # of a level's step: to a tenth of a millimetre
+_MOST_TERRACES = 36  # in a clearing: on surfaces that would ask for more they stand out farther
+_PLATE_MM = 0.8  # steps that may stay on the plate
 _SAME_MM2 = 0.01
 _TOUCHES_MM = 0.1  # surfaces of the part this near to the metal are finished here
-_CHORD_MM = 5e-3
+_CHORD_MM = 0.02
 _SPACING_MM = 0.5  # of points by which it is told where an outline comes into reach: half of the air before the metal
 _STRAIGHT_MM = 1e-4
 _GRID_MM = 1e-4
 
 
-def level_passes(access: Access, excess_mm: float) -> tuple[list[Pass], Floats, list[MultiPolygon]]:
-    """The passes from the top down, the heights of the levels, and what of the metal stays between them.
+def level_passes(access: Access, goal: Flags, stays: Flags, excess_mm: float) -> tuple[list[Pass], Flags]:
+    """The passes from the top down, and which cells of the metal they remove.
 
+    goal : (n,) bool, cells that are to go   stays : (n,) bool, cells of metal that are kept clear of like the plate
     excess_mm : how far metal stands out of its nominal faces.
-    The last ring of each level runs along what stays; where the part's surface steps out under the tool the levels follow
-    it, so that terraces stand out by four fifths of the tolerance at most.
+    Films thinner than a cell keep the cutter off nothing: its flank takes them along. The last ring of each level runs
+    along what stays; where the part's surface steps out under the tool, terraces between the levels follow it. They stand
+    out by four fifths of the tolerance, or by more where that would take too many of them.
     """
-    levels = part_levels(access, excess_mm)
-    above = MultiPolygon()
+    half = 0.5 * access.metal.pitch_mm
+    heights = access.at[:, 2]
+    levels = _levels(access, heights[goal].min() - half - excess_mm, heights[goal].max() + half + excess_mm)
+    most = max(2, _MOST_TERRACES // (len(levels) - 1))
+    gone = np.zeros(len(goal), dtype=np.bool_)
+    missed = np.zeros(len(goal), dtype=np.bool_)
     passes: list[Pass] = []
-    kept: list[MultiPolygon] = []
     for high, low in pairwise(levels.tolist()):
-        bare = access.section(0.5 * (high + low))
+        above = inset(access.covered((stays & (heights > high)) | missed), access.metal.pitch_mm, 0.05)
         keep = access.keep(low, above)
-        metal = outset(bare, excess_mm, _CHORD_MM)
-        missed = access.missed(bare, keep)
-        if not missed.is_empty:
-            above = polygons(shapely.union(above, missed, grid_size=_GRID_MM))
-        passes += _level(metal, keep, low, access.settings)
-        kept.append(missed)
-    return passes, levels, kept
+        near = goal & (heights <= high + excess_mm) & (heights > low - excess_mm)
+        bare = _bare(access, near, low - excess_mm, high + excess_mm)
+        passes += _level(outset(bare, excess_mm, _CHORD_MM), keep, low, access.settings)
+        at = [low]
+        steps = polygons(shapely.difference(outset(bare, _TOUCHES_MM, 0.05), above))
+        for z in _terraces(access, high, low, steps, most):
+            nearer = access.keep(z, above)
+            block = polygons(shapely.intersection(shapely.difference(keep, nearer), steps))
+            passes += _level(block, nearer, z, access.settings)
+            at.append(z)
+        _sweep(access, goal, gone, sorted(at), above)
+        missed |= goal & (heights <= high) & (heights > low) & ~gone
+    return passes, gone
 
 
-def part_levels(access: Access, excess_mm: float) -> Floats:
-    """(n+1,) float, mm   Heights to which the cutter goes, from above the metal down past its bottom."""
+def _sweep(access: Access, goal: Flags, gone: Flags, at: list[float], above: MultiPolygon) -> None:
+    """Marks as gone what the cutter goes over with its end at some heights, lowest first, mm: its flank takes films along."""
+    heights = access.at[:, 2]
+    for z in at:
+        rows = np.flatnonzero(goal & ~gone & (heights > z))
+        if len(rows):
+            gone[rows[access.swept(rows, access.keep(z, above))]] = True
+
+
+def _levels(access: Access, low: float, high: float) -> Floats:
+    """(n+1,) float, mm   Heights to which the cutter goes, from above the metal down past its bottom, evenly."""
     depth = access.settings.material.milling.axial_depth_mm
+    rise = float(access.direction[2])
+    if 1e-6 < rise < 1.0 - 1e-6:
+        depth = min(depth, _PLATE_MM * np.sqrt(1.0 - rise**2) / rise)
+    return np.linspace(high, low, max(1, int(np.ceil((high - low) / depth - 1e-9))) + 1)
+
+
+def _bare(access: Access, chosen: Flags, low: float, high: float) -> MultiPolygon:
+    """What some cells cover, with the outline of the metal itself between two heights, mm."""
+    if not chosen.any():
+        return MultiPolygon()
+    cells = outset(access.covered(chosen), access.metal.pitch_mm, 0.05)
+    return polygons(shapely.intersection(access.between(low, high), cells, grid_size=_GRID_MM))
+
+
+def _terraces(access: Access, high: float, low: float, near: MultiPolygon, most: int) -> list[float]:
+    """Heights between two levels, from the top down, at which the part's surface has stepped out by what is allowed, mm.
+
+    most : of them; if there would be more, more is allowed.
+    """
     allowed = _TERRACE * access.settings.recipe.tolerance_mm
-    low, at = access.low_mm - excess_mm, access.high_mm + excess_mm
-    levels = [at]
-    while at - low > 1e-6:
-        step = min(depth, at - low)
-        start = shapely.buffer(access.part_shadow(at - min(allowed, step)), allowed)
-        near = outset(_touched(access, at, step), _TOUCHES_MM, 0.05)
-        if _grows(access, at - step, start, near):
-            least, most = min(allowed, step), step
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (least + most)
-                least, most = (least, middle) if _grows(access, at - middle, start, near) else (middle, most)
-            step = least
+    if near.is_empty or not _grows(access, low, shapely.buffer(access.part_shadow(high), allowed), near):
+        return []
+    out = shapely.intersection(shapely.difference(access.part_shadow(low), access.part_shadow(high)), near)
+    widest = _width(out)
+    allowed = max(allowed, widest / most)
+    found: list[float] = []
+    at, step = high, high - low
+    while at - low > 1e-3 and len(found) < 2 * most:
+        start = shapely.buffer(access.part_shadow(at), allowed)
+        step = min(1.6 * step, at - low)
+        while step > 0.02 and _grows(access, at - step, start, near):
+            step *= 0.6
         at -= step
-        levels.append(at)
-    return np.array(levels)
+        if at - low > 1e-3:
+            found.append(at)
+    return found
 
 
-def _touched(access: Access, high: float, step_mm: float) -> MultiPolygon:
-    """Where there is metal at the heights of a level, mm."""
-    heights = high - np.array([0.02, 0.5, 0.98]) * step_mm
-    inside = heights[(heights > access.low_mm) & (heights < access.high_mm)]
-    return polygons(shapely.union_all([access.section(float(z)) for z in inside]))
+def _width(region: shapely.Geometry) -> float:
+    """How far a region reaches at most across itself, mm: twice the radius of the largest circle in it."""
+    if region.is_empty:
+        return 0.0
+    return max(2.0 * float(shapely.maximum_inscribed_circle(piece, 0.05).length) for piece in polygons(region).geoms)
 
 
 def _grows(access: Access, z: float, start: shapely.Geometry, near: MultiPolygon) -> bool:
