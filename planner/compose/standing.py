@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
+import manifold3d  # type: ignore[import-not-found,unused-ignore]
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from shapely import MultiPolygon
 
 from planner.collide.points import PointTree, surface_points
 from planner.decompose.pieces import Piece
-from planner.decompose.solids import polygons, silhouette, solid_of
+from planner.decompose.solids import mesh_of_solid, polygons, silhouette, solid_of
 from planner.mesh.mesh import Mesh
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion, layer_regions
@@ -22,7 +23,8 @@ from planner.toolpath.roughing import box_mesh
 Floats = NDArray[np.float64]
 
 _PLATE_MM = 10.0  # thickness of an ordinary plate
-_TABLE_MM = 240.0  # width of an ordinary machine table, which lies under the plate
+_TABLE_MM = 240.0  # diameter of an ordinary rotary table, which lies under the plate
+_ROUND = 72  # sides of what stands for it
 _COARSE_MM = 5.0  # between points of plate and table: the head's curves are wider than that
 _PITCH_MM = 1.5  # of points all over what stands
 _TOUCH_MM = 0.02  # metal this little above the cutter's end is touched, not cut
@@ -47,8 +49,9 @@ class Standing:
         piece_from_build = np.linalg.inv(pieces[number].build_from_piece)
         half = 0.5 * np.array(substrate_mm)
         plate = box_mesh(np.array([-half[0], -half[1], -_PLATE_MM]), np.array([half[0], half[1], 0.0]))
-        wide = 0.5 * _TABLE_MM
-        table = box_mesh(np.array([-wide, -wide, -2.0 * _PLATE_MM]), np.array([wide, wide, -_PLATE_MM]))
+        table = mesh_of_solid(
+            manifold3d.Manifold.cylinder(_PLATE_MM, 0.5 * _TABLE_MM, circular_segments=_ROUND).translate((0.0, 0.0, -2.0 * _PLATE_MM))
+        )
         return cls(
             [piece.mesh.transformed(piece_from_build) for piece in pieces[:number]],
             plate.transformed(piece_from_build),
@@ -75,7 +78,7 @@ class Standing:
     def keep_out(self, z: float, settings: Settings) -> MultiPolygon:
         """Where the centre of an upright cutter must not go with its end at a height, mm: flutes, and the holder above."""
         near = shapely.buffer(self.shadow(z), settings.cutter_radius_mm - _TOUCH_MM, quad_segs=32)
-        high = shapely.buffer(self.shadow(z + stickout_mm(settings)), holder_radius_mm(settings), quad_segs=32)
+        high = shapely.buffer(self.shadow(z + stickout_mm(settings)), holder_radius_mm(settings) - _TOUCH_MM, quad_segs=32)
         return polygons(shapely.union(near, high))
 
     def seen_from(self, frame_from_piece: Floats) -> Standing:

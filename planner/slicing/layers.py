@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 
 _FLAT = math.cos(math.radians(0.5))  # facets this near to horizontal make a level
 _LEAST_FACE_MM2 = 0.05  # smaller faces are specks of the mesh, not faces of the part
+_ROUNDING = 1e-3  # of a layer: a part that much higher than a whole number of layers gets no layer more
 MAX_LAYERS = 20_000
 
 
@@ -32,7 +33,7 @@ def flat_levels(mesh: Mesh) -> Floats:
 
 
 def even_levels(mesh: Mesh, height_mm: float) -> tuple[Floats, list[str]]:
-    """Levels at most height_mm apart, evenly spread between the flat faces.
+    """Levels at most height_mm apart (but for a thousandth, rounding of the mesh), evenly spread between the flat faces.
 
     Returns ((n+1,) float mm, findings). A face nearer than a tenth of a layer to the level below is not met exactly.
     """
@@ -48,7 +49,7 @@ def even_levels(mesh: Mesh, height_mm: float) -> tuple[Floats, list[str]]:
     kept.append(faces[-1])
     levels = [kept[0]]
     for low, high in pairwise(kept):
-        parts = max(1, math.ceil((high - low) / height_mm - 1e-6))
+        parts = max(1, math.ceil((high - low) / height_mm - _ROUNDING))
         levels.extend(low + (high - low) * (np.arange(parts) + 1) / parts)
     return np.array(levels), findings
 

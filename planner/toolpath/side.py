@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 _FINISH_SHARE = 0.2  # of the radial depth: what roughing leaves for the finishing pass
 PAST_START_MM = 1.0  # how far a closed pass runs past its start, so that no witness mark stands
 _LEAST_CORNER_MM2 = 0.02  # metal left in an inside corner that is worth a word
+_STRETCH_MM = 0.2  # between places at which a cut all round is asked whether it is free
+_STRAIGHT_MM = 0.001  # off a straight line: less is none
 _TOUCH_MM = 0.02  # how far an arc on or off the wall may dip into what must stand: rounding of offsets
 
 
@@ -93,8 +95,7 @@ def stretch_passes(
 
 def stretches_within(loop: Motion, reach: MultiPolygon) -> list[Motion]:
     """The stretches of a closed motion at constant height that lie in a region, as polylines; the loop if all of it does."""
-    u = loop.tip.sample(0.01)
-    points = loop.tip.evaluate(u)
+    points = _dense(loop.tip.evaluate(loop.tip.sample(0.01)))
     shapely.prepare(reach)
     inside = shapely.contains_xy(reach, points[:, 0], points[:, 1])
     if inside.all():
@@ -112,8 +113,24 @@ def stretches_within(loop: Motion, reach: MultiPolygon) -> list[Motion]:
             chain = points[run]
             run = []
             if len(chain) >= 2:
-                found.append(straight(chain))
+                found.append(straight(_without_straight(chain)))
     return found
+
+
+def _dense(points: Floats) -> Floats:
+    """(m, 3) float   A polyline with points on its straight stretches too, at most a step apart, mm."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    counts = np.maximum(np.ceil(steps / _STRETCH_MM).astype(np.int64), 1)
+    at = np.repeat(np.arange(len(counts)), counts)
+    share = (np.arange(len(at)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[at]
+    return np.vstack([points[at] + share[:, None] * (points[at + 1] - points[at]), points[-1:]])
+
+
+def _without_straight(points: Floats) -> Floats:
+    """(k, 3) float   A polyline at constant height without the points that lie on straight stretches."""
+    line = shapely.simplify(shapely.LineString(points[:, :2]), _STRAIGHT_MM)
+    kept = shapely.get_coordinates(line)
+    return np.column_stack([kept, np.full(len(kept), points[0, 2])])
 
 
 def side_pass(loop: Motion, keep_out: MultiPolygon, excess_mm: float, settings: Settings) -> Pass:
