@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -29,6 +29,7 @@ from planner.toolpath.relief import Relief
 Floats = NDArray[np.float64]
 
 THINNEST = 0.35  # of the bead's width: a bead on a thinner wall is mostly beside it
+_MORE, _MOST_MORE = 0.01, 1.4  # of a bead's metal: smaller changes are not made, larger ones would be other beads
 _SMOOTH_DEG = 25.0  # sharper turns of a middle line are corners
 
 
@@ -78,8 +79,7 @@ def deposit_operations(
     hanging = overhang_passes(layer, grown, middle, growth, bead, settings, height_at, below)
     grown = hanging.rest
     middles, dropped, wide = _thin_passes(grown, layer, bead, settings, relief)
-    contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings, relief)
-    fill = fill_passes(wide, layer.z_bottom, layer.index, bead, settings, is_top, relief)
+    contours, fill = _wide_passes(wide, layer, bead, settings, is_top, relief)
     operations: list[Operation] = []
     for process, passes in (
         (Process.DEPOSIT_CONTOUR, [*contours, *middles]),
@@ -98,6 +98,45 @@ def deposit_operations(
                 )
             )
     return operations, dropped
+
+
+def _wide_passes(
+    wide: MultiPolygon, layer: LayerRegion, bead: Bead, settings: Settings, is_top: bool, relief: Relief | None
+) -> tuple[list[Pass], list[Pass]]:
+    """Contours and hatch. Of a part that is only deposited, those of each polygon bring all the metal that it takes: where the
+    strip between contours is too narrow for a track, their beads are larger."""
+    if settings.is_milled:
+        contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings, relief)
+        return contours, fill_passes(wide, layer.z_bottom, layer.index, bead, settings, is_top, relief)
+    contours, fill = [], []
+    for part in shapely.get_parts(wide):
+        alone = MultiPolygon([part])
+        rings = contour_passes(alone, layer.z_bottom, layer.index, bead, settings, relief)
+        tracks = fill_passes(alone, layer.z_bottom, layer.index, bead, settings, is_top, relief)
+        more = part.area / (bead.step_mm * (_lit_mm(rings) + _lit_mm(tracks))) if rings or tracks else 1.0
+        if more > 1.0 + _MORE:
+            larger = _larger(bead, min(more, _MOST_MORE), settings)
+            rings = contour_passes(alone, layer.z_bottom, layer.index, larger, settings, relief)
+            tracks = fill_passes(alone, layer.z_bottom, layer.index, larger, settings, is_top, relief)
+        contours += rings
+        fill += tracks
+    return contours, fill
+
+
+def _lit_mm(passes: list[Pass]) -> float:
+    """Length of the beads of passes, mm."""
+    total = 0.0
+    for made in passes:
+        ends = np.append(made.setpoints[1:, 0], made.tip.length)
+        total += float((ends - made.setpoints[:, 0])[made.setpoints[:, 2] > 0.0].sum())
+    return total
+
+
+def _larger(bead: Bead, times: float, settings: Settings) -> Bead:
+    """The bead with so many times its metal, or the most that the window has, as wide as before."""
+    most = bead.area_mm2 * bead.speed_mm_s / settings.material.deposition.speed_mm_s.min
+    made = settings.with_area(bead, min(times * bead.area_mm2, most))
+    return replace(made, width_mm=bead.width_mm)
 
 
 def _thin_passes(

@@ -14,6 +14,7 @@ from planner.toolpath.centreline import MiddleLine
 Floats = NDArray[np.float64]
 
 _CHANGE = 0.06  # of the bead's width: a larger change of width begins another stretch
+_SHORT = 0.01  # of a bead's metal: less is not worth another speed
 _LEAST_SHARE = 0.3  # of a bead's width: the metal of narrower strips is not measured by what lies inside the edge
 
 
@@ -38,6 +39,7 @@ def fitted_bead(bead: Bead, width_mm: float, edge_mm: float, settings: Settings)
     """The bead as wide as wanted, as far as recipe and material allow.
 
     bead : of the layer, whose height the metal keeps   edge_mm : of the width on either side no metal is counted.
+    Where nothing is milled and the window's powder does not fill the width, the bead is slower.
     """
     facts, law, recipe = settings.material.deposition, settings.material.bead, settings.recipe
     power, speed = bead.laser_w, bead.speed_mm_s
@@ -54,7 +56,11 @@ def fitted_bead(bead: Bead, width_mm: float, edge_mm: float, settings: Settings)
     powder = bead.powder_g_min
     if recipe.powder_g_min is None:
         powder = _inside(strip * bead.height_mm * per_area, facts.powder_g_min)
-    return Bead(speed, power, powder, width, powder / per_area, bead.step_mm)
+    made = Bead(speed, power, powder, width, powder / per_area, bead.step_mm)
+    wanted = strip * bead.height_mm
+    if settings.is_milled or recipe.speed_mm_s is not None or made.area_mm2 >= wanted * (1.0 - _SHORT):
+        return made
+    return settings.with_area(made, min(wanted, made.area_mm2 * speed / facts.speed_mm_s.min))
 
 
 def fitted_stretches(line: MiddleLine, bead: Bead, edge_mm: float, settings: Settings) -> list[Stretch]:

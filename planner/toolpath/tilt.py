@@ -13,11 +13,11 @@ from planner.toolpath.motion import Motion
 Floats = NDArray[np.float64]
 
 MARGIN_DEG = 5.0
-"""Least tilt: what walls get that lean just more than what holds without."""
-ALONG_FROM_DEG = 50.0
-"""Walls that lean so much and more are built along their tangent, as far as the material allows. From the lean that holds without
-on, the tilt grows evenly up to there: from layer to layer of a curved wall it changes little, so that each bead lies flat on the
-one below."""
+"""A bead is tilted by so much more than its wall leans beyond what holds without."""
+ALONG_FROM_DEG = 45.0
+LEAST_ALONG_DEG = 55.0
+"""Walls that lean more than the first are built along their tangent, as far as the material allows, and by no less than the
+second: what a bead hangs out by grows faster with the lean than a small tilt takes back."""
 TURN_DEG_S = 120.0
 """How fast the tool axis is turned about the layer's direction: rotary tables of five-axis machines reach 90 to 200."""
 GOLDEN = 0.5 * (3.0 - 5.0**0.5)
@@ -31,16 +31,14 @@ _LEAST_TURN = 1e-6  # rad: below it an axis stands upright or still
 def tilt_deg(lean_deg: ArrayLike, settings: Settings) -> Floats:
     """(n,) float   Tilt of the head over walls that lean so much from the layer's direction, outward.
 
-    0 up to the lean that the material holds without; from there growing evenly until it is along the wall itself. Never more
-    than the material allows.
+    0 up to the lean that the material holds without; from there what it takes to hold; over steep overhang along the
+    wall itself. Never more than the material allows.
     """
     facts = settings.material.deposition
     lean = np.asarray(lean_deg, dtype=np.float64)
-    holds = facts.max_overhang_deg
-    full = max(ALONG_FROM_DEG, holds + MARGIN_DEG)
-    growing = MARGIN_DEG + (full - MARGIN_DEG) * (lean - holds) / (full - holds)
-    tilt = np.where(lean > full, lean, growing)
-    return np.asarray(np.where(lean > holds, np.minimum(tilt, facts.max_tilt_deg), 0.0))
+    needed = lean - facts.max_overhang_deg + MARGIN_DEG
+    tilt = np.where(lean > ALONG_FROM_DEG, np.maximum(lean, LEAST_ALONG_DEG), np.minimum(needed, lean))
+    return np.asarray(np.where(lean > facts.max_overhang_deg, np.minimum(tilt, facts.max_tilt_deg), 0.0))
 
 
 def growth_share(lean_deg: Floats, tilt: Floats) -> Floats:
