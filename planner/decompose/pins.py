@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,12 @@ def pinned(ways: Ways, block: Block, recipe: Recipe) -> tuple[list[Block], dict[
         direction = normal if cut.direction is None else asked_direction(cut.direction, f"{name}.direction")
         if float(direction @ normal) <= 0.1:
             raise RecipeError(f"{name}.direction: {vector_text(direction)} does not lead away from the cut", "turn it towards the normal")
+        if float(direction @ normal) < _ALIGNED:
+            raise RecipeError(
+                f"{name}.direction: {vector_text(direction)} is off the cut's normal {vector_text(normal)}: "
+                "a piece grows square on its joint, or layers at its foot would begin beside what carries them",
+                "leave direction out, or turn the normal to it",
+            )
         if float(direction @ block.base[3:]) <= MOST_TURNED_COS:
             raise RecipeError(
                 f"{name}: direction {vector_text(direction)} is more than 100° from the first, {vector_text(block.base[3:])}: "
@@ -43,7 +48,7 @@ def pinned(ways: Ways, block: Block, recipe: Recipe) -> tuple[list[Block], dict[
         plane = np.concatenate([np.array(cut.point_mm, dtype=np.float64), normal])
         made: list[Block] = []
         for at, here in enumerate(blocks):
-            rest, beyond = _all_beyond(ways, here, plane, direction)
+            rest, beyond = _all_beyond(ways, here, plane)
             blocks[at] = rest
             made += beyond
         if not made:
@@ -78,7 +83,7 @@ def in_places(order: list[int], places: dict[int, int], parents: Sequence[int]) 
     return made
 
 
-def _all_beyond(ways: Ways, block: Block, plane: Floats, direction: Floats) -> tuple[Block, list[Block]]:
+def _all_beyond(ways: Ways, block: Block, plane: Floats) -> tuple[Block, list[Block]]:
     """A block without what lies beyond a plane, and the bodies beyond; the block itself where the plane misses it."""
     rest, made = block, []
     for _ in range(PlaneCut(block.mesh, plane).count):
@@ -92,15 +97,5 @@ def _all_beyond(ways: Ways, block: Block, plane: Floats, direction: Floats) -> t
             break
         like[mine] = 1.0
         rest, beyond = cut_off(ways, rest, plane, like, None, "cut where the recipe says")
-        made.append(_turned(beyond, direction))
+        made.append(beyond)
     return rest, made
-
-
-def _turned(block: Block, direction: Floats) -> Block:
-    """The block growing in another direction than across its cut, from the lowest point of its joint."""
-    if float(direction @ block.base[3:]) > _ALIGNED:
-        return block
-    joint = block.mesh.vertices[np.unique(block.mesh.facets[block.cap])]
-    lowest = joint[int(np.argmin(np.round(joint @ direction, 6)))]
-    base = np.concatenate([lowest, direction])
-    return replace(block, base=base)

@@ -29,6 +29,7 @@ _ON_BASE_MM = 0.05  # what lies this near to the base plane lies on it
 _INSIDE_MM = 1e-3  # above a level: where the part is cut to see what is there
 _CRUMB_MM2 = 0.05  # smaller areas need no carrying
 _CORNER = 1.5  # of a level's step: round the corner of a region a support may be so much farther away
+_MITRE = 1.5  # corners stay corners as far as this: rounded ones would have to go on as posts
 _INTO_MM = 0.05  # how far prisms reach into what stands, which is then taken out of them exactly
 _CHORD_MM = 0.03  # of outlines that are drawn in: far finer than a bead
 _GRID_MM = 1e-3  # regions of neighbouring levels are overlaid on this grid
@@ -267,7 +268,7 @@ def drawn_in(region: MultiPolygon, out_mm: float, neck_mm: float, beside: MultiP
     core = inset(inset(whole, out_mm, _CHORD_MM), 0.5 * neck_mm, _CHORD_MM)
     if core.is_empty:
         return region
-    core = outset(core, 0.5 * neck_mm, _CHORD_MM)
+    core = polygons(shapely.buffer(core, 0.5 * neck_mm, join_style="mitre", mitre_limit=_MITRE))
     held = outset(core, _CORNER * out_mm, _CHORD_MM)
     lost = polygons(shapely.difference(region, held, grid_size=_GRID_MM))
     arms = [piece for piece in lost.geoms if piece.area > _CRUMB_MM2]
