@@ -25,10 +25,11 @@ _PLATE_MM = 10.0  # of the substrate's thickness that can stand in a cutter's wa
 _ELEVATIONS_DEG = (0.0, 10.0, 20.0, 35.0)
 """Of the cutter above the base plane: level, it finishes undersides with its flank; raised, its holder clears the plate."""
 _AZIMUTHS = 8
-_COARSE_MM = 2.0  # levels by which directions are compared
+_COARSE_MM = 3.0  # levels by which directions are compared
 _FINE_MM = 0.8  # levels by which it is told what one direction reaches
 _MOST = 6  # directions that a support is cleared from
-_RAISED = 0.8  # of a raised direction's worth at 45 degrees is lost: it needs terraces where a level flank finishes
+_RAISED = 4.0  # times the sine squared of its elevation: what a raised direction is worth less, terraces being needed
+_LEAST_WEIGHT = 0.2
 _WORTH = 0.015  # of the support: what a further direction must take away
 _BODY = 0.008  # of the support: smaller bodies that a direction reaches by chance are not worth its levels
 _LEFT_MM3 = 1.0  # less metal than this is rounding
@@ -126,7 +127,7 @@ class _Ranking:
     def __init__(self, seen: Sequence[Access]) -> None:
         self._seen = list(seen)
         self._gain = [np.inf] * len(seen)
-        self._weight = [1.0 - _RAISED * float(access.direction[2]) ** 2 for access in seen]
+        self._weight = [max(1.0 - _RAISED * float(access.direction[2]) ** 2, _LEAST_WEIGHT) for access in seen]
 
     def best(self, there: Flags, worth_mm3: float) -> Access | None:
         """The direction from which most of the metal goes, which is then used up; None if none is worth it.

@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 _TERRACE = 0.8  # of the tolerance: how far steps between levels may stand out of the part's surface
 _FINISH_MM = 0.3  # what roughing leaves on the part
 _ENTRY_MM = 1.0  # air before the metal where a stretch begins
-_MOST_TERRACES = 36  # in a clearing: on surfaces that would ask for more they stand out farther
+_MOST_TERRACES = 24  # in a clearing: on surfaces that would ask for more they stand out farther
 _PLATE_MM = 0.8  # steps that may stay on the plate
 _SAME_MM2 = 0.01
 _TOUCHES_MM = 0.1  # surfaces of the part this near to the metal are finished here
@@ -141,7 +141,7 @@ def _level(metal: MultiPolygon, keep: MultiPolygon, z: float, settings: Settings
         for ring in _rings(metal, near, settings)
         for path in _stretches(ring, reach)
     ]
-    return _chained(motions, metal, near, settings)
+    return _chained(motions, metal, keep, settings)
 
 
 def _stretches(ring: MultiPolygon, reach: MultiPolygon) -> list[Floats]:

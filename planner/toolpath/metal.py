@@ -19,6 +19,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 _CELLS = 20_000  # that a body is divided into, about
+_FINE_MM = 0.02  # of the body's surface: finer facets are steps of its making, which no cutter follows
 _PITCH_MM = (0.25, 1.0)  # least and greatest side of a cell
 
 
@@ -39,8 +40,8 @@ class Metal:
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> Metal:
         """The cells whose middles lie in a closed mesh, mm.  Raises PlanningError if it encloses no volume."""
-        solid = solid_of(mesh)
-        volume = float(solid.volume())
+        solid = solid_of(mesh).simplify(_FINE_MM)
+        volume = float(mesh.volume)
         pitch = float(np.clip((volume / _CELLS) ** (1.0 / 3.0), *_PITCH_MM))
         low, high = mesh.bounds
         count = np.maximum(np.ceil((high - low) / pitch - 1e-9).astype(np.int64), 1)
