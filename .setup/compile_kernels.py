@@ -1,4 +1,4 @@
-"""Compiles the numeric kernels and keeps the machine code: plans, posts and proves two small parts in each layer rule."""
+"""Compiles the numeric kernels and keeps the machine code: plans, posts and proves a small part, plans others in each layer rule and one that bends."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import trimesh
+from shapely import Polygon
 
 import planner
 from config.cell import load_cell
@@ -21,6 +22,14 @@ def cone_with_bore() -> Mesh:
     return Mesh.from_trimesh(trimesh.creation.revolve(profile, sections=32))
 
 
+def elbow() -> Mesh:
+    """A rod of 10 mm that bends through 90 degrees about (16, 0, 0): layers that turn with its axis, passes with the head tilted."""
+    turn, around = np.linspace(0.0, 0.5 * np.pi, 13), np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    path = 16.0 * np.column_stack([1.0 - np.cos(turn), np.zeros_like(turn), np.sin(turn)])
+    outline = Polygon(5.0 * np.column_stack([np.cos(around), np.sin(around)]))
+    return Mesh.from_trimesh(trimesh.creation.sweep_polygon(outline, path))
+
+
 def main() -> None:
     """Do it, and say how long it took."""
     started = time.monotonic()
@@ -31,6 +40,7 @@ def main() -> None:
     block = Mesh.from_trimesh(trimesh.creation.box((12.0, 8.0, 2.0)))
     for rule in ("extruded", "ruled"):
         planner.plan(block, Recipe(process="deposit", layer_rule=rule, fit="facets"))
+    planner.plan(elbow(), Recipe(process="deposit"))
     print(f"setup: kernels compiled in {time.monotonic() - started:.0f} s")
 
 

@@ -62,7 +62,7 @@ class Heartbeat:
 
     def echo(self, value: float, at: float) -> None:
         """What the device shows in a reading taken at time `at`."""
-        if any(count == value and at - sent_at <= self._limit_s for count, sent_at in self._sent):
+        if any(count == value and at - sent_at <= self._limit_s for count, sent_at in reversed(self._sent)):
             self._echoed_at = at
 
     def is_followed(self, now: float) -> bool:

@@ -42,7 +42,7 @@ def chains(draw: st.DrawFn) -> Chain:
     return chain
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(
     chains(), st.lists(st.tuples(vectors, st.floats(-179.0, 179.0), st.floats(-179.0, 179.0)), min_size=1, max_size=8)
 )

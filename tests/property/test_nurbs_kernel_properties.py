@@ -18,7 +18,7 @@ from planner.nurbs.surface import Surface
 from planner.nurbs.surface_closest import closest_on_surface
 
 Floats = NDArray[np.float64]
-RUNS = settings(max_examples=25, deadline=None)
+RUNS = settings(max_examples=20, deadline=None)
 U = np.linspace(0.0, 1.0, 101)
 SIZE = 30.0  # mm, about what the random shapes measure
 

@@ -19,7 +19,7 @@ from planner.nurbs.offset import inset, outset
 from planner.nurbs.rings import curves_from_region
 
 Floats = NDArray[np.float64]
-RUNS = settings(max_examples=60, deadline=None)
+RUNS = settings(max_examples=25, deadline=None)
 U = np.linspace(0.0, 1.0, 201)
 
 
@@ -159,7 +159,7 @@ def test_fitted_curve_goes_through_every_point_in_order(points: Floats, closed: 
     assert curve.is_closed == closed
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(star_contours(least=5), st.floats(0.05, 6.0))
 def test_offset_of_any_simple_contour_lies_at_the_distance_and_on_the_right_side(points: Floats, away: float) -> None:
     region = shapely.Polygon(points)
@@ -174,7 +174,7 @@ def test_offset_of_any_simple_contour_lies_at_the_distance_and_on_the_right_side
         np.testing.assert_array_equal(shapely.covers(moved, probes)[decided], (signed < sign * away)[decided])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(star_contours(least=5), st.floats(0.05, 6.0), st.sampled_from([1e-2, 2e-3, 1e-3]))
 def test_curves_of_any_region_stay_within_the_tolerance_of_its_rings(
     points: Floats, away: float, tolerance_mm: float

@@ -50,7 +50,7 @@ def planes_at(heights: NDArray[np.float64], normal: NDArray[np.float64]) -> NDAr
     return np.column_stack([heights[:, None] * normal, np.tile(normal, (len(heights), 1))])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(bodies, directions)
 def test_simpsons_rule_between_vertex_heights_gives_the_exact_volume(
     pieces: list[tuple[str, tuple[int, int, int], int, manifold3d.OpType, bool]], direction: tuple[int, int, int]
@@ -71,7 +71,7 @@ def test_simpsons_rule_between_vertex_heights_gives_the_exact_volume(
     assert slice_mesh(mesh, planes_at(levels[-1:], normal), "above")[0].area_mm2 == pytest.approx(0.0, abs=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(bodies, st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=8))
 def test_areas_are_those_of_manifold3d(
     pieces: list[tuple[str, tuple[int, int, int], int, manifold3d.OpType, bool]], heights: list[float]

@@ -59,7 +59,7 @@ def check(mesh: Mesh, section: Section) -> None:
             assert not loop.is_hole
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(shapes, free_directions)
 def test_the_areas_of_even_sections_integrate_to_the_volume(name: str, direction: tuple[float, float, float]) -> None:
     mesh, normal = SHAPES[name], unit(direction)
@@ -68,7 +68,7 @@ def test_the_areas_of_even_sections_integrate_to_the_volume(name: str, direction
     assert sum(section.area_mm2 for section in sections) * thickness == pytest.approx(mesh.volume, rel=5e-3)
 
 
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(shapes, directions, st.integers(0, 10_000), st.sampled_from(["above", "below"]))
 def test_planes_through_vertices_give_closed_oriented_nested_loops(
     name: str, direction: tuple[int, int, int], vertex: int, side: str
@@ -80,7 +80,7 @@ def test_planes_through_vertices_give_closed_oriented_nested_loops(
     assert section.to_shapely().area == pytest.approx(section.area_mm2, rel=1e-9, abs=1e-9)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(shapes, directions, st.integers(0, 10_000))
 def test_a_plane_through_a_vertex_is_the_limit_of_the_planes_beside_it(
     name: str, direction: tuple[int, int, int], vertex: int
@@ -96,7 +96,7 @@ def test_a_plane_through_a_vertex_is_the_limit_of_the_planes_beside_it(
         assert max(reach, default=0.0) < 1e-6
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(shapes, directions, free_directions, st.floats(0.0, 6.2))
 def test_a_turned_part_has_turned_sections(
     name: str, direction: tuple[int, int, int], axis: tuple[float, float, float], angle: float

@@ -14,7 +14,7 @@ from cellctl.domain.states import ACTIVE, IN_JOB, LATCHED, State, Trigger, Wrong
 from tests.cell.harness import CellUnderTest
 from tests.cell.jobs import one_wall
 
-TABLE_SEQUENCES = 500
+TABLE_SEQUENCES = 200
 HEARD_S = 0.03  # a tick, a request and the ramp
 STATUS_S = 0.15  # a status period, a tick, a request
 DEAD_MAN_S = 0.55  # a laser that cannot be reached turns itself off after dead_man_s
