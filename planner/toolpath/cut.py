@@ -16,8 +16,9 @@ from planner.toolpath.axis import ends_clear, goes_on_below, leans_inward, ruled
 from planner.toolpath.bands import Band
 from planner.toolpath.beside import Stands, blocked_mm, blocked_near, passes_beside, polygons
 from planner.toolpath.face import face_passes
+from planner.toolpath.holder import stickout_mm
 from planner.toolpath.left import Left, left_findings
-from planner.toolpath.motion import Motion
+from planner.toolpath.motion import Motion, axis_at
 from planner.toolpath.side import (
     PAST_START_MM,
     begun_on_flat,
@@ -37,6 +38,8 @@ OVERLAP_MM = 0.1  # by which a band reaches under its bottom where the same wall
 _SAME_MM = 1e-6  # levels nearer than this are one
 _CRUMB_MM2 = 0.5  # of a top: smaller places are rims of beads
 _CLEAR_MM = 0.02  # how far the cutter's end may reach into what stands: rounding of offsets
+_ALONG_HOLDER_MM = (0.0, 20.0, 40.0)
+"""Places along a holder at which a leaning one is asked for."""
 _BESIDE_MM = 0.01  # the same on stretches that are chosen to lie beside it
 
 
@@ -120,6 +123,8 @@ def side_operations(
     if not passes:
         note = "upright" if band.kind == "upright" else "stepped"
         passes, rest = _upright_passes(band, below, excess_mm, run_down_mm, settings, small, stands)
+    elif small is not None:
+        rest = _rest_passes(band, below, excess_mm, 0.0, settings, small, stands)
     operations = [_milled(Process.MILL_SIDE, band.last, passes, settings, note)] if passes else []
     if rest and small is not None:
         operations.append(_milled(Process.MILL_SIDE, band.last, rest, small, f"{note}, rest"))
@@ -159,31 +164,49 @@ def _upright_passes(
     along a part of the outline only, that part has passes of its own, so that no fin stands at the bottom.
     """
     sunk = _sunk_mm(band, run_down_mm)
-
-    def lowered(make: Callable[[float], list[Pass]], cutter: Settings) -> tuple[list[Pass], bool]:
-        passes = make(band.z_bottom)
-        for depth in (sunk, OVERLAP_MM):
-            if passes and depth > 0.0 and _may_reach_under(band, below, passes, depth, cutter):
-                return make(band.z_bottom - depth), True
-        return passes, False
-
     sunk = min(sunk, band.z_bottom - below[0].z_bottom) if below else 0.0
-    passes, is_sunk = lowered(lambda z: passes_beside(band.region, z, excess_mm, settings, stands), settings)
-    rest: list[Pass] = []
-    missed = _missed(band, settings, stands)
-    if small is not None and not missed.is_empty:
-        beside = outset(missed, small.cutter_radius_mm + PAST_START_MM)
-
-        def beside_at(z: float) -> list[Pass]:
-            blocked = blocked_near(band.region, z, excess_mm, small, stands)
-            free = polygons(shapely.difference(beside, blocked))
-            return stretch_passes(band.region, free, z, excess_mm, small)
-
-        rest, _ = lowered(beside_at, small)
+    passes, is_sunk = _lowered(
+        lambda z: passes_beside(band.region, z, excess_mm, settings, stands), band, below, sunk, settings
+    )
+    rest = [] if small is None else _rest_passes(band, below, excess_mm, sunk, settings, small, stands)
     passes += _stepped_passes(band, excess_mm, settings, stands)
     if not is_sunk:
         (passes if small is None else rest).extend(_under_passes(band, below, sunk, small or settings, stands))
     return passes, rest
+
+
+def _lowered(
+    make: Callable[[float], list[Pass]], band: Band, below: Sequence[LayerRegion], sunk: float, cutter: Settings
+) -> tuple[list[Pass], bool]:
+    """Passes made for a height as deep under a band as they meet nothing that must stand, and whether that is deeper than it."""
+    passes = make(band.z_bottom)
+    for depth in (sunk, OVERLAP_MM):
+        if passes and depth > 0.0 and _may_reach_under(band, below, passes, depth, cutter):
+            return make(band.z_bottom - depth), True
+    return passes, False
+
+
+def _rest_passes(
+    band: Band,
+    below: Sequence[LayerRegion],
+    excess_mm: float,
+    sunk: float,
+    settings: Settings,
+    small: Settings,
+    stands: Stands | None,
+) -> list[Pass]:
+    """Upright passes of the small cutter round a band where the other does not come."""
+    missed = _missed(band, settings, stands)
+    if missed.is_empty:
+        return []
+    beside = outset(missed, small.cutter_radius_mm + PAST_START_MM)
+
+    def beside_at(z: float) -> list[Pass]:
+        blocked = blocked_near(band.region, z, excess_mm, small, stands)
+        free = polygons(shapely.difference(beside, blocked))
+        return stretch_passes(band.region, free, z, excess_mm, small)
+
+    return _lowered(beside_at, band, below, sunk, small)[0]
 
 
 def _stepped_passes(band: Band, excess_mm: float, settings: Settings, stands: Stands | None) -> list[Pass]:
@@ -203,12 +226,23 @@ def _sunk_mm(band: Band, run_down_mm: float) -> float:
 
 
 def _meets(passes: Sequence[Pass], band: Band, stands: Stands, settings: Settings) -> bool:
-    """Whether the cutter's end comes into what stands beside a band on passes whose axis leans."""
-    blocked = stands(band.z_bottom, settings)
-    if not passes or blocked.is_empty:
+    """Whether the cutter's end, or the holder over it, comes into what stands beside a band on passes whose axis leans.
+
+    The holder is asked for at places along its axis, each as that of an upright cutter that reaches as high.
+    """
+    if not passes:
         return False
-    lines = [shapely.LineString(step.tip.evaluate(step.tip.sample(0.05))[:, :2]) for step in passes]
-    return bool(shapely.intersects(np.array(lines, dtype=object), blocked).any())
+    for step in passes:
+        u = step.tip.sample(0.05)
+        tips = step.tip.evaluate(u)
+        axes = np.array([axis_at(step.axis, value) for value in u])
+        for along in (0.0, *(stickout_mm(settings) + np.array(_ALONG_HOLDER_MM))):
+            there = tips + along * axes
+            low = float(there[:, 2].min()) - (stickout_mm(settings) if along else 0.0)
+            blocked = stands(max(low, band.z_bottom) if not along else low, settings)
+            if not blocked.is_empty and shapely.intersects(shapely.LineString(there[:, :2]), blocked):
+                return True
+    return False
 
 
 def _missed(band: Band, settings: Settings, stands: Stands | None) -> MultiPolygon:
@@ -293,8 +327,12 @@ def _wall_motions(
             motions = ruled_motions(wall, excess_mm, deep, 0.0, settings, others)
             if motions and ends_clear(motions, deep, below, settings.cutter_radius_mm):
                 return motions, True
-        if goes_on_below(wall, wedge, below):
-            return ruled_motions(wall, excess_mm, wedge, None, settings, others), not leans_inward(wall)
+        for depth in (wedge, OVERLAP_MM, 0.0):
+            motions = []
+            if depth == 0.0 or goes_on_below(wall, depth, below):
+                motions = ruled_motions(wall, excess_mm, depth, None, settings, others)
+            if motions:
+                return motions, not leans_inward(wall)
     flat = ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings, others)
     return flat, band.first == 0 or not leans_inward(wall)
 

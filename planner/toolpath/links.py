@@ -84,10 +84,13 @@ def linked(
     return replace(operation, passes=tuple(passes)), up
 
 
-def taken_up(here: Pose | None, before: Operation | None, operation: Operation) -> Pose | None:
-    """The pose to link an operation from; none where another tool begins with another axis.
+def taken_up(
+    here: Pose | None, before: Operation | None, operation: Operation, is_beside: bool = False
+) -> Pose | None:
+    """The pose to link an operation from; none where another tool begins with another axis, or beside what stands.
 
-    The tool is changed up at the machine's retract; the other one need not come down where it would lean otherwise.
+    is_beside : something stands beside the piece. The tool is changed up at the machine's retract; the other one need not
+    come down where it would lean otherwise, or where only the first one, longer or thinner, has room.
     """
     if here is None or before is None or not operation.passes:
         return here
@@ -96,7 +99,7 @@ def taken_up(here: Pose | None, before: Operation | None, operation: Operation) 
         operation.cutter_diameter_mm,
     )
     turns = np.abs(start_of(operation.passes[0]).axis - here.axis).max() > 1e-9
-    return None if is_other and turns else here
+    return None if is_other and (turns or is_beside) else here
 
 
 def linked_from_beside(operation: Operation, here: Pose, beyond: Pose, metal_top: float) -> tuple[Operation, Pose]:

@@ -60,7 +60,7 @@ class Sequence:
         """Link an operation to what comes before it and take it in."""
         here = self.here
         if self.stands is not None:
-            here = taken_up(here, self.last, operation)
+            here = taken_up(here, self.last, operation, is_beside=True)
         done, self.here = linked(operation, here, self.metal_top, self.settings, self.standing_mm)
         self.operations.setdefault(layer, []).append(done)
         self.last = done

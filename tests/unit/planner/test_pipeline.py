@@ -151,7 +151,8 @@ def test_bodies_with_air_between_them_in_height_are_refused() -> None:
 
 def test_a_small_change_of_the_mesh_is_a_small_change_of_the_plan() -> None:
     mesh = frustum(12.0, 11.0, 2.4, sections=40)
-    shaken = Mesh(mesh.vertices + np.random.default_rng(5).uniform(-1e-4, 1e-4, mesh.vertices.shape), mesh.facets)
+    along = np.random.default_rng(5).uniform(-1e-4, 1e-4, mesh.vertices.shape) * (1.0, 1.0, 0.0)
+    shaken = Mesh(mesh.vertices * (1.0, 1.0, 1.0 + 5e-5) + along, mesh.facets)
     first, second = plan(mesh, QUICK), plan(shaken, QUICK)
     assert len(first.layers) == len(second.layers)
     assert len(first.subcomponents) == len(second.subcomponents) == 1
