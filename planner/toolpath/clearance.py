@@ -15,7 +15,9 @@ Floats = NDArray[np.float64]
 
 CLEARANCE_MM = 0.4
 """Between head and metal: what a bead may stand higher than planned is in `_STANDS`."""
-_STANDS = 0.9  # of a layer's height above its top: crests, and what the ends of beads pile up
+_STANDS = (
+    1.7  # of a layer's height above its top: crests, what the ends of beads pile up, and a layer that is half too high
+)
 _PITCH_MM = 1.0
 _FACTORS = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.35, 0.2, 0.0)
 _SAFE_DEG = 30.0  # below it a nozzle's end stands higher over its focus than layers are

@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 
 _LEAST_DEG = 12.0  # between the beads of two layers: less is closed by the beads themselves
 _LEAST_SHARE = 0.3  # of the layer's bead: smaller wedges too
+_AFTER_TILTED = 0.5  # of a wedge over beads that are tilted too: they reach into it
 _NEAR_MM = 0.3  # of the overhang below: as for the layer itself
 _LEAST_POINTS = 4
 _SAME_MM = 0.05
@@ -40,6 +41,7 @@ def heel_pass(
     turn = np.radians(np.maximum(run.tilt_deg - before, 0.0))
     level, square = 0.5 * widths * run.share, 0.5 * widths
     area = float(np.median(0.5 * level * square * np.sin(turn)))
+    area *= _AFTER_TILTED if float(np.median(before)) > 0.0 else 1.0
     if area < _LEAST_SHARE * bead.area_mm2:
         return None
     inward = (level + (level + square * np.cos(turn)) / 3.0) + 0.5 * run.height_mm * np.tan(np.radians(run.lean_deg))

@@ -164,3 +164,36 @@ def test_tilt_is_less_where_the_nozzle_would_meet_the_layer_on_the_other_side_of
     assert low.min() > HEIGHT_MM  # above the metal on the other side
     free = cleared_tilt(25.0 * radial, radial, np.full(24, 50.0), layers_of(bore)[1])
     np.testing.assert_allclose(free, 50.0)
+
+
+def test_starts_of_closed_overhang_passes_do_not_line_up_over_layers() -> None:
+    cone = layers_of(frustum(8.0, 8.0 + 4.0 * np.tan(np.radians(50.0)), 4.0))
+    starts = []
+    for layer in cone[1:]:
+        first = overhang_of(made(layer))[0]
+        at = first.setpoints[int(np.argmax(first.setpoints[:, 2] > 0.0)), 0]
+        tip = first.tip.evaluate(first.tip.at_arc_length(np.array([at])))[0]
+        starts.append(np.arctan2(tip[1], tip[0]))
+    apart = np.abs(np.angle(np.exp(1j * (np.array(starts)[:, None] - np.array(starts)))))
+    assert np.degrees(apart[~np.eye(len(starts), dtype=bool)]).min() > 40.0
+
+
+def test_wedge_where_a_wall_begins_to_lean_is_filled_from_above() -> None:
+    first, second, third = layers_of(wall(60.0))[:3]
+    bead = SETTINGS.bead_for(HEIGHT_MM)
+    plain, heeled = (overhang_of(deposit_operations(second, bead, SETTINGS, below=below)[0]) for below in (None, first))
+    again = overhang_of(deposit_operations(third, bead, SETTINGS, below=second)[0])
+    assert len(heeled) == len(plain) + 1 and len(again) == len(plain)
+    tips, axes = poses(heeled[0])
+    assert axes[:, 2].min() > 0.999 and np.ptp(tips[:, 2]) < 1e-9
+    wedge = [Operation(Process.DEPOSIT_OVERHANG, 1, (heeled[0],))]
+    length = heeled[0].tip.length - FACTS.lead_in_mm - FACTS.lead_out_mm
+    most = min(bead.area_mm2, 0.5 * 3.0 * 1.5 * np.sin(np.radians(60.0)))  # one bead, however large the wedge
+    assert laid_mm3(wedge) / length == pytest.approx(most, rel=0.06)
+
+
+@pytest.mark.parametrize("thick_mm", [3.0, 3.3, 3.6, 4.0])
+def test_walls_that_are_only_deposited_get_the_metal_of_their_volume_whatever_their_width(thick_mm: float) -> None:
+    layer = layers_of(box(24.0, thick_mm, 1.6))[1]
+    laid = laid_mm3(made(layer))
+    assert laid / (24.0 * thick_mm * HEIGHT_MM) == pytest.approx(1.0 + SETTINGS.overbuild, abs=0.06)
