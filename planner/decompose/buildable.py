@@ -56,21 +56,6 @@ def buildable_shares(
     return _with_set(along, parts, limit_deg, upright, np.maximum(tilted, upright), most)
 
 
-def set_shares(mesh: Mesh, directions: ArrayLike, limit_deg: float) -> Floats:
-    """(k,) float, 0 … 1   What of the part stands after each of k directions, in the order given.
-
-    The first stands on the plate, each further one goes on from what stands.
-    """
-    along = np.atleast_2d(np.asarray(directions, dtype=np.float64))
-    parts = [cells_along(mesh, direction, limit_deg) for direction in along]
-    built = _Built(parts[0], grow(parts[0], limit_deg, None, on_plate=True))
-    shares = [built.share]
-    for cells in parts[1:]:
-        built = built.joined(cells, limit_deg)
-        shares.append(built.share)
-    return np.array(shares)
-
-
 def report(shares: Shares) -> list[str]:
     """Lines for a plan's findings: the set of directions with the head upright, and what single directions make."""
     first, *others = shares.order

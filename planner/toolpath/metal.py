@@ -44,12 +44,12 @@ class Metal:
         volume = float(mesh.volume)
         pitch = float(np.clip((volume / _CELLS) ** (1.0 / 3.0), *_PITCH_MM))
         low, high = mesh.bounds
-        count = np.maximum(np.ceil((high - low) / pitch - 1e-9).astype(np.int64), 1)
+        count = np.maximum(np.floor((high - low) / pitch + 0.5 - 1e-9).astype(np.int64), 1)
         x, y = (low[k] + (np.arange(count[k]) + 0.5) * pitch for k in (0, 1))
         grid_x, grid_y = (axis.ravel() for axis in np.meshgrid(x, y, indexing="ij"))
         found = []
         for k in range(int(count[2])):
-            region = section(solid, min(float(low[2] + (k + 0.5) * pitch), float(high[2]) - 1e-3))
+            region = section(solid, min(float(low[2] + (k + 0.5) * pitch), float(high[2]) - _FINE_MM))
             shapely.prepare(region)
             inside = np.flatnonzero(shapely.contains_xy(region, grid_x, grid_y))
             found.append(np.column_stack([inside // len(y), inside % len(y), np.full(len(inside), k)]))
