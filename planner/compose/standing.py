@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 _PLATE_MM = 10.0  # thickness of an ordinary plate
 _TABLE_MM = 240.0  # diameter of an ordinary rotary table, which lies under the plate
 _ROUND = 72  # sides of what stands for it
+_BESIDE_TABLE_MM = 0.5  # room between its rim and a holder
 _COARSE_MM = 5.0  # between points of plate and table: the head's curves are wider than that
 _PITCH_MM = 1.5  # of points all over what stands
 _TOUCH_MM = 0.02  # metal this little above the cutter's end is touched, not cut
@@ -49,9 +50,9 @@ class Standing:
         piece_from_build = np.linalg.inv(pieces[number].build_from_piece)
         half = 0.5 * np.array(substrate_mm)
         plate = box_mesh(np.array([-half[0], -half[1], -_PLATE_MM]), np.array([half[0], half[1], 0.0]))
-        table = mesh_of_solid(
-            manifold3d.Manifold.cylinder(_PLATE_MM, 0.5 * _TABLE_MM, circular_segments=_ROUND).translate((0.0, 0.0, -2.0 * _PLATE_MM))
-        )
+        round_mm = 0.5 * _TABLE_MM / np.cos(np.pi / _ROUND) + _BESIDE_TABLE_MM
+        drum = manifold3d.Manifold.cylinder(_PLATE_MM, round_mm, circular_segments=_ROUND)
+        table = mesh_of_solid(drum.translate((0.0, 0.0, -2.0 * _PLATE_MM)))
         return cls(
             [piece.mesh.transformed(piece_from_build) for piece in pieces[:number]],
             plate.transformed(piece_from_build),

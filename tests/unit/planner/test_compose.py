@@ -195,18 +195,26 @@ def test_the_head_leans_away_from_a_wall_beside_it_and_stands_upright_elsewhere(
         assert axis_at(step.axis, step.tip.domain[0]) == pytest.approx(UP)
 
 
-def test_a_part_with_a_sideways_piece_stands_at_that_edge_of_its_plate() -> None:
+def test_a_part_with_a_sideways_piece_stands_at_that_edge_in_the_corner_of_its_plate() -> None:
     division = divided(WALL, ARM)
     moved, told = on_plate(division, Recipe())
     assert moved.pieces[0].mesh.bounds[1, 0] == pytest.approx(57.0)
-    assert moved.pieces[1].base[:3] == pytest.approx([57.0, 0.0, 14.0])
-    assert moved.build_from_part[:3, 3] == pytest.approx([51.0, 0.0, 0.0])
+    assert moved.pieces[0].mesh.bounds[1, 1] == pytest.approx(57.0)
+    assert moved.pieces[1].base[:3] == pytest.approx([57.0, 51.0, 14.0])
+    assert moved.build_from_part[:3, 3] == pytest.approx([51.0, 51.0, 0.0])
     assert len(told) == 1
     same, nothing = on_plate(divided(WALL, TOWER), Recipe())
     assert same.pieces[0] is WALL and not nothing
     other = piece("3", cuboid((-9.2, -6, 12), (-6, 6, 16)), 0, (-6, 0, 14), (-1.0, 0.0, 0.0))
     both, nothing = on_plate(divided(WALL, ARM, other), Recipe())
     assert both.pieces[0] is WALL and not nothing
+
+
+def test_pieces_over_two_edges_take_the_part_to_the_corner_between_them() -> None:
+    small = piece("3", cuboid((-2, -8, 12), (2, -6, 14)), 0, (0, -6, 13), (0.0, -1.0, 0.0))
+    moved, _ = on_plate(divided(WALL, ARM, small), Recipe())
+    assert moved.pieces[0].mesh.bounds[1, 0] == pytest.approx(57.0)
+    assert moved.pieces[0].mesh.bounds[0, 1] == pytest.approx(-57.0)
 
 
 def test_a_shift_off_the_plate_is_refused() -> None:

@@ -17,8 +17,9 @@ from planner.process import Settings
 from planner.recipe import Recipe
 from planner.toolpath.face import face_passes
 from planner.toolpath.links import end_of, start_of
+from planner.toolpath.motion import straight
 from planner.toolpath.order import RUNS_DOWN
-from planner.toolpath.side import unreached, wall_offsets
+from planner.toolpath.side import stretches_within, unreached, wall_offsets
 from tests.unit.planner.small_parts import box, frustum, points_of, steps_of, tube
 
 RADIUS = 4.0
@@ -231,3 +232,13 @@ def test_leaning_wall_too_near_to_another_body_is_not_milled_along_its_rulings_i
     for passes in side_passes(made):
         for points in passes:
             assert shapely.LineString(points[:, :2]).distance(feet) > RADIUS - 0.05
+
+
+def test_stretches_of_a_loop_of_long_straight_walls_reach_to_where_it_is_blocked() -> None:
+    loop = straight(np.array([[0.0, 0, 2], [20, 0, 2], [20, 10, 2], [0, 10, 2], [0, 0, 2]]))
+    free = MultiPolygon([shapely.box(-5.0, -5.0, 25.0, 6.0)])
+    (found,) = stretches_within(loop, free)
+    assert found.length == pytest.approx(20.0 + 2 * 6.0, abs=0.41)
+    assert stretches_within(loop, MultiPolygon([shapely.box(-5.0, -5.0, 25.0, 15.0)])) == [loop]
+    beside = stretches_within(loop, MultiPolygon([shapely.box(-5.0, -5.0, 8.0, 15.0), shapely.box(12.0, -5.0, 25.0, 15.0)]))
+    assert sum(motion.length for motion in beside) == pytest.approx(60.0 - 8.0, abs=0.81)
