@@ -63,7 +63,7 @@ def divide(mesh: Mesh, recipe: Recipe, settings: Settings) -> Division:
         found = [_pinned(ways, first, recipe) for first in firsts]
     else:
         found = _searched(ways, firsts, directions if recipe.build_direction == "auto" else candidate_directions(mesh))
-    found.sort(key=lambda way: way.figures.score)
+    found.sort(key=lambda way: round(way.figures.score, 3))  # ways as good as each other keep their order on any mesh of the part
     return _division(ways, found, recipe)
 
 

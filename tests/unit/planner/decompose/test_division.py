@@ -96,15 +96,15 @@ def test_underside_that_no_direction_makes_gets_support() -> None:
 
 
 def test_same_part_gives_the_same_division_to_the_byte() -> None:
-    first, second = divided("cross"), divided_with(part("cross"), Recipe(material="316L", process="hybrid"))
+    first, second = divided("hinge"), divided_with(part("hinge"), Recipe(material="316L", process="hybrid"))
     assert [piece.mesh.sha256 for piece in first.pieces] == [piece.mesh.sha256 for piece in second.pieces]
     assert first.candidates == second.candidates and first.findings == second.findings
 
 
-@pytest.mark.parametrize("name", ["cross", "table"])
+@pytest.mark.parametrize("name", ["hinge"])
 def test_small_change_of_the_mesh_gives_the_same_division(name: str) -> None:
     recipe = Recipe(material="316L", process="hybrid")
-    first, second = divided(name), divided_with(disturbed(part(name), 1e-5), recipe)
+    first, second = divided(name), divided_with(disturbed(part(name), 1e-4), recipe)
     assert len(first.pieces) == len(second.pieces)
     for one, other in zip(first.pieces, second.pieces, strict=True):
         assert np.allclose(one.base[3:], other.base[3:], atol=1e-3)
@@ -141,6 +141,7 @@ def test_pinned_cuts_are_used_with_their_order() -> None:
         (Cut(point_mm=(0.0, 0.0, 90.0), normal=(0.0, 0.0, 1.0)), "misses the part"),
         (Cut(point_mm=(0.0, 24.0, 0.0), normal=(0.0, 1.0, 0.0)), "100°"),
         (Cut(point_mm=(0.0, 0.0, 16.0), normal=(0.0, 0.0, -1.0), direction=(1.0, 0.0, 0.0)), "away from the cut"),
+        (Cut(point_mm=(0.0, 0.0, 16.0), normal=(0.0, 0.0, -1.0), direction=(0.3, 0.0, -0.9)), "off the cut's normal"),
     ],
 )
 def test_cut_that_cannot_be_used_is_told_in_one_line(cut: Cut, words: str) -> None:
