@@ -14,10 +14,11 @@ from shapely import MultiPolygon
 from planner.mesh.mesh import Mesh
 from planner.plan import Wall
 from planner.process import Settings
+from planner.slicing.even_walls import even_walls
 from planner.slicing.regions import LayerRegion, is_same, united
 from planner.slicing.slicer import slice_mesh
 from planner.slicing.walls import ruled_walls, wall_error
-from planner.toolpath.axis import STEEPEST_AXIS
+from planner.toolpath.axis import STEEPEST_AXIS, ruled_motions
 
 Floats = NDArray[np.float64]
 Kind = Literal["upright", "ruled", "stepped"]
@@ -26,6 +27,7 @@ _STEP_SHARE = 0.5  # of the tolerance: height of the steps by which a stepped wa
 _RUN_DOWN = 2.0  # layers: how far below its surface a track may wet a wall that goes out there
 _WIDER_MM2 = 0.05  # of a section beyond what stands above it: less is rounding
 _STEP_IN = 1e-3  # of a step: how far above its level it is looked at
+_UPRIGHT_SHARE = 0.1  # of the tolerance: walls that no contour's rulings follow and that lean less are upright
 _WALL_SHARE = 0.25  # of the tolerance: how far a ruled wall may stand from the mesh between its ends
 
 
@@ -88,11 +90,35 @@ def _band(layers: list[LayerRegion], first: int, last: int, mesh: Mesh, settings
     kind: Kind = "upright"
     walls: tuple[Wall, ...] = ()
     if not all(layer.is_upright and is_same(layer.region, region) for layer in members):
-        walls = ruled_walls(members[0].bottom, members[-1].top, mesh)
-        kind = "ruled" if _fits(walls, members, settings) else "stepped"
+        kind, walls = _leaning(members, region, mesh, settings)
     return Band(
         first, last, members[0].z_bottom, members[-1].z_top, kind, region, walls if kind == "ruled" else (), continues
     )
+
+
+def _leaning(
+    members: list[LayerRegion], region: MultiPolygon, mesh: Mesh, settings: Settings
+) -> tuple[Kind, tuple[Wall, ...]]:
+    """How walls that are not quite upright are milled: along their contours' rulings, upright where that is as good, else evened."""
+    walls = ruled_walls(members[0].bottom, members[-1].top, mesh)
+    if _fits(walls, members, settings) and _is_followed(walls, settings):
+        return "ruled", walls
+    near = _UPRIGHT_SHARE * settings.recipe.tolerance_mm
+    if all(is_same(area, region, near) for layer in members for area in layer.areas):
+        return "upright", ()
+    across = [members[0].areas[0], members[len(members) // 2].areas[1], members[-1].areas[2]]
+    low, high = members[0].z_bottom, members[-1].z_top
+    even = even_walls(across, (lambda xy: np.full(len(xy), low), lambda xy: np.full(len(xy), high)))
+    allowed = _WALL_SHARE * settings.recipe.tolerance_mm
+    ends = even and max(wall_error(even, across[0], 0.0), wall_error(even, across[2], 1.0)) <= allowed
+    if ends and _fits(even, members, settings) and _is_followed(even, settings):
+        return "ruled", even
+    return ("ruled", walls) if len(members) == 1 and _fits(walls, members, settings) else ("stepped", ())
+
+
+def _is_followed(walls: tuple[Wall, ...], settings: Settings) -> bool:
+    """Whether the flank finds a way round each wall, were it alone."""
+    return all(ruled_motions(wall, 0.0, 0.0, None, settings) for wall in walls)
 
 
 def _with_steps(band: Band, mesh: Mesh, settings: Settings, floor_z: float) -> Band:

@@ -327,12 +327,14 @@ def _wall_motions(
             motions = ruled_motions(wall, excess_mm, deep, 0.0, settings, others)
             if motions and ends_clear(motions, deep, below, settings.cutter_radius_mm):
                 return motions, True
-        for depth in (wedge, OVERLAP_MM, 0.0):
-            motions = []
+        if goes_on_below(wall, wedge, below):
+            return ruled_motions(wall, excess_mm, wedge, None, settings, others), not leans_inward(wall)
+        dip = 2.0 * settings.cutter_radius_mm * steepest_lean(wall)
+        for depth in (OVERLAP_MM, 0.0):
             if depth == 0.0 or goes_on_below(wall, depth, below):
                 motions = ruled_motions(wall, excess_mm, depth, None, settings, others)
-            if motions:
-                return motions, not leans_inward(wall)
+                if motions and ends_clear(motions, depth + dip, below, settings.cutter_radius_mm):
+                    return motions, not leans_inward(wall)
     flat = ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings, others)
     return flat, band.first == 0 or not leans_inward(wall)
 

@@ -15,6 +15,7 @@ from planner.nurbs.offset import inset
 from planner.plan import Wall
 from planner.process import Settings
 from planner.slicing.contours import REGION_MM, fitted_curves
+from planner.slicing.even_walls import even_walls
 from planner.slicing.regions import LayerRegion, built_region, is_same, united
 from planner.slicing.resting import Overhang
 from planner.slicing.slicer import slice_mesh
@@ -121,6 +122,8 @@ def _band(layers: Sequence[TurnedLayer], first: int, last: int, mesh: Mesh, sett
             for back in [np.linalg.inv(frame)]
             for wall in found
         )
+        if not _fits(walls, members, settings):
+            walls = _evened(members, areas)
         kind = "ruled" if _fits(walls, members, settings) else "stepped"
     open_region, narrow = _without_narrow(region, settings)
     kept = tuple(wall for wall in walls if kind == "ruled" and not _bounds_any(wall, narrow))
@@ -139,8 +142,18 @@ def _band(layers: Sequence[TurnedLayer], first: int, last: int, mesh: Mesh, sett
     return TurnedBand(band, build_from_band, narrow, plane, radius)
 
 
+def _evened(members: Sequence[TurnedLayer], areas: Sequence[MultiPolygon]) -> tuple[Wall, ...]:
+    """Walls of a band from its outlines alone, in the frame of the first member.  areas : all sections seen along its z."""
+    frame = members[0].build_from_layer
+    top = members[-1].top
+    back = np.linalg.inv(frame)
+    plane = np.concatenate([back[:3, :3] @ top[:3] + back[:3, 3], back[:3, :3] @ top[3:]])
+    across = (areas[0], areas[3 * (len(members) // 2) + 1], areas[-1])
+    return even_walls(across, (lambda xy: np.zeros(len(xy)), lambda xy: height_of_plane(plane, xy)))
+
+
 def _fits(walls: tuple[Wall, ...], members: Sequence[TurnedLayer], settings: Settings) -> bool:
-    """Whether ruled walls are there, not too flat, and near enough to every section between their ends.
+    """Whether ruled walls are there, not too flat, and near enough to every section.
 
     walls : in the frame of the first member.
     """
@@ -157,10 +170,8 @@ def _fits(walls: tuple[Wall, ...], members: Sequence[TurnedLayer], settings: Set
     frame = members[0].build_from_layer
     start, along = start @ frame[:3, :3].T + frame[:3, 3], along @ frame[:3, :3].T
     worst = 0.0
-    for number, layer in enumerate(members):
-        for which, section in ((1, layer.region.middle), (2, layer.region.top))[
-            : 1 if number == len(members) - 1 else 2
-        ]:
+    for layer in members:
+        for which, section in ((0, layer.region.bottom), (1, layer.region.middle), (2, layer.region.top)):
             if layer.region.areas[which].is_empty:
                 return False
             plane = section.plane
