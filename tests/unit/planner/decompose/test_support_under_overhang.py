@@ -85,7 +85,7 @@ def test_underside_that_a_bead_bridges_needs_none() -> None:
 
 def test_point_that_begins_in_the_air_stands_on_a_foot() -> None:
     spike = trimesh.creation.cone(radius=3.0, height=12.0, sections=32)
-    spike.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
+    spike.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))  # type: ignore[no-untyped-call,unused-ignore]
     spike.apply_translation([8.0, 0.0, 20.0])
     post = trimesh.creation.box(bounds=((-3, -3, 0), (3, 3, 20)))
     top = trimesh.creation.box(bounds=((-3, -3, 20), (11, 3, 24)))
