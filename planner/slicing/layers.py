@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 
 _FLAT = math.cos(math.radians(0.5))  # facets this near to horizontal make a level
 _LEAST_FACE_MM2 = 0.05  # smaller faces are specks of the mesh, not faces of the part
+_SAME_MM = 1e-3  # faces nearer than this are one, but for the mesh's rounding
 _ROUNDING = 1e-3  # of a layer: a part that much higher than a whole number of layers gets no layer more
 MAX_LAYERS = 20_000
 
@@ -40,10 +41,12 @@ def even_levels(mesh: Mesh, height_mm: float) -> tuple[Floats, list[str]]:
     faces, findings = flat_levels(mesh), []
     kept = [faces[0]]
     for level in faces[1:-1]:
-        if min(level - kept[-1], faces[-1] - level) < 0.1 * height_mm:
-            findings.append(
-                f"the flat face at z {level:.3f} mm lies too near to another one and gets no level of its own"
-            )
+        apart = min(level - kept[-1], faces[-1] - level)
+        if apart < 0.1 * height_mm:
+            if apart > _SAME_MM:
+                findings.append(
+                    f"the flat face at z {level:.3f} mm lies too near to another one and gets no level of its own"
+                )
         else:
             kept.append(level)
     kept.append(faces[-1])
