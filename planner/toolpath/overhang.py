@@ -32,9 +32,9 @@ _SPREADS = (0.6, 1.8)  # rings that close up to less are points
 _ROUND_END = 0.35  # of the bead's width: so far from an end of a wall its beads end, whose tips are round
 _FAR_OVER_DEG = 45.0
 _SETTLES, _SETTLES_RING = 0.08, 0.15
-"""Of the bead's width: so much farther out than its focus a bead comes to lie that is laid with the head far over, along straight
-walls and all the way round. Measured in the twin (tests/unit/sim/test_proof_of_overhang.py; dome of tests/parts); to be set for
-the own head."""
+"""Of the bead's width: so much farther out than its focus a bead comes to lie that is laid with the head far over, on walls that
+open or run straight, and on rings that close inward. Measured in the twin on walls (tests/unit/sim/test_proof_of_overhang.py), funnel
+and dome (tests/parts); to be set for the own head."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,8 @@ def _stack(run: Run, widths: Floats, layer: LayerRegion, bead: Bead, settings: S
     axes = axes_of(outward, smoothed(run.tilt_deg[:, None], run.spacing_mm, run.closed)[:, 0])
     lean = np.tan(np.radians(run.lean_deg))
     step = run.height_mm / count
-    settles = _SETTLES_RING if run.closed else _SETTLES
+    closes = run.closed and not shapely.LinearRing(run.points).is_ccw
+    settles = _SETTLES_RING if closes else _SETTLES
     inward = (settles * widths * (run.tilt_deg > _FAR_OVER_DEG))[:, None] * across_axis(outward, run.tilt_deg)
     areas = widths * along / count
     passes = []
