@@ -68,7 +68,7 @@ def plan(
 
 def recipe_text(recipe: Recipe) -> str:
     """The recipe as TOML, every field that is set, in the order of its definition."""
-    return tomli_w.dumps({key: value for key, value in recipe.model_dump().items() if value is not None})
+    return tomli_w.dumps(recipe.model_dump(exclude_none=True))
 
 
 def _body_and_findings(mesh: object) -> tuple[Mesh, list[str]]:

@@ -20,7 +20,7 @@ from planner.toolpath.placed import in_build
 
 Floats = NDArray[np.float64]
 
-_LEFT_SHARE = 0.02  # of a support: what may stay in corners that no cutter enters
+_LEFT_SHARE = 0.02  # of a support: how much may stay that no cutter comes to, rests in inside corners not counted
 
 
 def with_support(mesh: Mesh, support: Mesh | None) -> Mesh:
@@ -39,9 +39,10 @@ def cleared(mesh: Mesh, support: Mesh, work: Work, layer: int) -> tuple[list[Ope
     stays = manifold3d.Manifold.batch_boolean([solid_of(body) for body in (mesh, *standing)], manifold3d.OpType.Add)
     plate = None if work.standing is None else work.standing.plate
     found = clearing(support, mesh_of_solid(stays), settings, plate=plate)
-    if found.left_mm3 > _LEFT_SHARE * support.volume:
+    if found.stuck_mm3 > _LEFT_SHARE * support.volume:
+        why = next((line for line in found.findings if "no cutter reaches" in line), found.findings[-1])
         raise PlanningError(
-            f"{found.left_mm3:.0f} mm³ of the support of piece {work.piece.name} cannot be milled away: {found.findings[-1]}",
+            f"{found.stuck_mm3:.0f} mm³ of the support of piece {work.piece.name} cannot be milled away: {why}",
             "choose another build_direction or cut the part with cuts, or set support = never",
         )
     return [_placed(step, layer, settings) for step in found.clearings], list(found.findings)
