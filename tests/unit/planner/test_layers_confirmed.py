@@ -28,7 +28,9 @@ def levels(mesh: Mesh, heights: np.ndarray) -> np.ndarray:
     return straight_stations(mesh, np.array(UP)).planes(heights)
 
 
-@pytest.mark.parametrize(("radius", "delta", "most"), [(23.0, 0.04, 30), (20.0, 0.08, 20)])
+@pytest.mark.parametrize(
+    ("radius", "delta", "most"), [pytest.param(23.0, 0.04, 30, marks=pytest.mark.slow), (20.0, 0.08, 20)]
+)
 def test_a_sphere_takes_few_ruled_layers_and_each_is_worth_its_cusp(radius: float, delta: float, most: int) -> None:
     mesh = ball(radius, 6)
     found = confirmed_layers(mesh, UP, Wanted(delta, 1e-3, 5.0, "ruled", "both", 35.0))
@@ -42,14 +44,14 @@ def test_a_sphere_takes_few_ruled_layers_and_each_is_worth_its_cusp(radius: floa
 
 
 def torus(is_standing: bool) -> Mesh:
-    body = trimesh.creation.torus(10.0, 3.0, major_sections=64, minor_sections=32)
+    body = trimesh.creation.torus(10.0, 3.0, major_sections=40, minor_sections=20)
     vertices = np.asarray(body.vertices)
     return Mesh.from_trimesh(trimesh.Trimesh(vertices[:, [2, 1, 0]], body.faces[:, ::-1]) if is_standing else body)
 
 
 @pytest.mark.parametrize("name", ["lying torus", "standing torus", "cone"])
 def test_built_ruled_walls_keep_the_cusp_both_ways_and_layers_that_only_it_limits_use_half_of_it(name: str) -> None:
-    delta = 0.1
+    delta = 0.25 if name == "standing torus" else 0.1
     mesh = torus(name == "standing torus")
     if name == "cone":
         mesh = Mesh.from_trimesh(trimesh.creation.cone(radius=10.0, height=10.0, sections=128))
@@ -74,8 +76,7 @@ def test_a_sphere_takes_few_extruded_layers_and_each_is_worth_its_cusp() -> None
     assert found.deviation_mm.mean() >= 0.5 * delta
 
 
-@pytest.mark.parametrize("rule", ["extruded", "ruled"])
-@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
+@pytest.mark.parametrize(("rule", "direction"), [("extruded", (0.0, 0.0, 1.0)), ("ruled", (0.6, 0.0, 0.8))])
 def test_a_coarse_sphere_is_its_facets(rule: str, direction: tuple[float, float, float]) -> None:
     mesh = Mesh.from_trimesh(trimesh.creation.uv_sphere(radius=20.0, count=[24, 48]))
     found = confirmed_layers(mesh, direction, Wanted(0.3, 1e-3, 5.0, rule, "both", 35.0))  # type: ignore[arg-type]
@@ -162,7 +163,7 @@ def test_planes_that_turn_through_a_bend_lie_closest_on_its_outside_as_far_as_th
 
 
 def test_straight_planes_given_as_a_path_are_the_straight_layers() -> None:
-    mesh = ball(5.0, 4)
+    mesh = ball(5.0, 3)
     path = np.array([[0, 0, -6.0, 0, 0, 1], [0, 0, 6.0, 0, 0, 1]])
     planes = layer_planes(mesh, path, 0.1, 0.01, 2.0, rule="ruled")
     heights = layer_heights(mesh, UP, 0.1, 0.01, 2.0, rule="ruled")
