@@ -1,4 +1,4 @@
-"""Compiles the numeric kernels and keeps the machine code: plans, posts and proves a small part, plans others in each layer rule and one that bends."""
+"""Compiles the numeric kernels and keeps the machine code: small parts planned in each layer rule and along a bend, one posted and proved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One small part from mesh to offsets and layers, its numbers in a file: `python -m tests.unit.kernel_chain FILE.npz`."""
+"""One small part from mesh to offsets, layers and what hangs of it, its numbers in a file: `python -m tests.unit.kernel_chain FILE.npz`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.collide.reach import reach
+from planner.collide.shapes import HeadShape
+from planner.decompose.hanging import Limits, hanging
 from planner.nurbs.fit import Handles
 from planner.nurbs.offset_curves import offset_curves
 from planner.slicing.contours import ContourStyle, section_curves_many
@@ -20,7 +23,7 @@ RULES: tuple[LayerRule, ...] = ("facet", "extruded")
 
 
 def chain() -> dict[str, Floats]:
-    """Knots and control points of the contours, of their offsets, and layer heights of a coarse torus, by name; mm."""
+    """Knots and control points of the contours, of their offsets, layer heights, what hangs and clearances of a coarse torus, by name; mm."""
     mesh, normal = torus(10, 6).mesh, direction("tilted")
     sections = sections_across(mesh, normal)
     found = {f"loop {k}": loop.points for k, loop in enumerate(loop for section in sections for loop in section.loops)}
@@ -36,6 +39,11 @@ def chain() -> dict[str, Floats]:
             found[f"offset {k} curve {i}"], found[f"offset {k} curve {i} knots"] = curve.control_points, curve.knots
     for rule in RULES:
         found[f"layers {rule}"] = layer_heights(mesh, (0.0, 0.0, 1.0), 0.3, 0.1, 2.0, rule=rule)
+    base = np.array([0.0, 0.0, mesh.bounds[0][2], 0.0, 0.0, 1.0])
+    hangs = hanging(mesh, base, None, Limits(35.0, 70.0, 0.5, 0.1, 3.0))
+    found["hanging"], found["hanging tilted"] = hangs.weights, np.array([hangs.total_mm2, hangs.tilted_mm2])
+    tips, axes = mesh.vertices[:4], np.tile([0.6, 0.0, 0.8], (4, 1))
+    found["reach"] = reach(tips, axes, mesh.vertices, (80.0, 80.0), HeadShape()).clearance_mm
     return found
 
 
