@@ -122,7 +122,7 @@ def _with(ways: Ways, whole: Block, taken: list[Taken], own: list[Member]) -> li
         blocks = [with_path(ways, block) for block in freed(ways, whole, taken)]
     except PlanningError:
         blocks = [whole]
-    joints = sum(block.joint_mm2 for block in blocks[1:])
+    joints = sum((block.joint_mm2 for block in blocks[1:]), 0.0)
     plain = _Way(blocks, weighed(ways, blocks, joints), {})
     used = [block.base[3:] for block in blocks]
     split = [piece for block in blocks for piece in branched(ways, block, own, used)]

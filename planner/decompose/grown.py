@@ -80,9 +80,9 @@ def cells_along(mesh: Mesh, direction: Floats, limit_deg: float) -> Cells:
 
 
 @njit(cache=True)
-def _crossings(  # type: ignore[no-untyped-def]
-    points, facets, steep, levels, rows, columns
-):  # pragma: no cover - compiled
+def _crossings(
+    points: Floats, facets: Ints, steep: Flags, levels: int, rows: int, columns: int
+) -> tuple[NDArray[np.int16], Flags]:  # pragma: no cover - compiled
     """Change of the winding number at each level of each column, and where a steep facet lets it in."""
     change = np.zeros((levels + 1, rows, columns), dtype=np.int16)
     hangs = np.zeros((levels + 1, rows, columns), dtype=np.bool_)
@@ -116,11 +116,13 @@ def _crossings(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _edge(points, a, b, x, y):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _edge(points: Floats, a: int, b: int, x: float, y: float) -> float:  # pragma: no cover - compiled
     """Twice the signed area over an edge, to the last bit the negative of that over the edge the other way round."""
     if a < b:
-        return (points[b, 0] - points[a, 0]) * (y - points[a, 1]) - (points[b, 1] - points[a, 1]) * (x - points[a, 0])
-    return -((points[a, 0] - points[b, 0]) * (y - points[b, 1]) - (points[a, 1] - points[b, 1]) * (x - points[b, 0]))
+        ahead = (points[b, 0] - points[a, 0]) * (y - points[a, 1]) - (points[b, 1] - points[a, 1]) * (x - points[a, 0])
+    else:
+        ahead = (points[a, 1] - points[b, 1]) * (x - points[b, 0]) - (points[a, 0] - points[b, 0]) * (y - points[b, 1])
+    return float(ahead)
 
 
 def grow(cells: Cells, limit_deg: float, seeds: Flags | None, *, on_plate: bool) -> Flags:

@@ -35,7 +35,7 @@ def weighed(ways: Ways, blocks: Sequence[Block], joints_mm2: float) -> Candidate
     shadow = 0.25 * float(mesh.areas.sum())
     first = blocks[0]
     setups = setup_count([block.base[3:] for block in blocks])
-    left = sum(block.left_mm2 for block in blocks)
+    left = sum((block.left_mm2 for block in blocks), 0.0)
     tilted = sum(block.hangs.tilted_mm2 for block in blocks if block.path is None)
     height = float(np.ptp(mesh.vertices[used_vertices(mesh)] @ first.base[3:]))
     own_shadow = 0.5 * float((first.mesh.areas * np.abs(first.mesh.normals @ first.base[3:])).sum())
@@ -54,7 +54,7 @@ def weighed(ways: Ways, blocks: Sequence[Block], joints_mm2: float) -> Candidate
         subcomponents=len(blocks),
         setups=setups,
         overhang_mm2=round(left, 3),
-        joint_mm2=round(sum(block.joint_mm2 for block in blocks if block.cap is not None), 3),
+        joint_mm2=round(sum((block.joint_mm2 for block in blocks if block.cap is not None), 0.0), 3),
         time_s=round(_time_s(ways, blocks, setups), 1),
         score=round(score, 6),
         buildable=round(share_made(ways, blocks), 6),

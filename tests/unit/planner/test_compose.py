@@ -165,7 +165,8 @@ def test_pieces_that_follow_in_one_direction_share_a_set_up() -> None:
 
 def test_what_stands_is_seen_from_the_piece() -> None:
     standing = Standing.before((WALL, ARM), 1, (120.0, 120.0))
-    assert standing.shadow(0.0).area == pytest.approx(120.0 * 10.0 + 240.0 * 10.0)  # plate and table are walls beside the arm
+    walls = 120.0 * 10.0 + 240.0 * 10.0  # plate and table are walls beside the arm
+    assert walls <= standing.shadow(0.0).area <= walls + 2.0 * 10.0  # the table's round, with room for a holder at its rim
     free = Standing.before((WALL, TOWER), 1, (120.0, 120.0))
     assert free.shadow(0.0).is_empty and free.keep_out(0.0, SETTINGS).is_empty
     assert free.shadow(-4.0).area == pytest.approx(144.0)
