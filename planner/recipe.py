@@ -15,7 +15,9 @@ from planner.errors import RecipeError
 class Cut(Facts):
     """A cutting plane that the user wants, in the part frame. What lies on the side of the normal is built later, on the cut."""
 
-    point_mm: tuple[Finite, Finite, Finite]
+    point_mm: tuple[Finite, Finite, Finite] = Field(
+        description="on the plane; where it lies in the joint of one body, that body alone is cut off, else every body beyond the plane"
+    )
     normal: tuple[Finite, Finite, Finite]
     direction: tuple[Finite, Finite, Finite] | None = Field(None, description="in which the piece beyond is built; none: the normal")
     order: int | None = Field(None, ge=2, description="place in the building order, 1 is what stands on the substrate; none: as found")

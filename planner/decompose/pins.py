@@ -13,17 +13,21 @@ from planner.decompose.direction import asked_direction
 from planner.decompose.members import MOST_TURNED_COS, Ways
 from planner.decompose.weighing import vector_text
 from planner.errors import RecipeError
+from planner.mesh.winding import solid_angle_turns
 from planner.recipe import Recipe
 
 Floats = NDArray[np.float64]
 
 _ALIGNED = 0.9999
+_AT_JOINT = 0.5  # turns of a solid angle: more, seen from just beyond the plane, is inside the body
+_BEYOND_MM = 0.02  # where that is asked
 
 
 def pinned(ways: Ways, block: Block, recipe: Recipe) -> tuple[list[Block], dict[int, int]]:
     """The block and what the recipe's cuts take off it, and the places in the order that they ask for: block -> place.
 
-    Every cut goes through all blocks that are there by then; each body beyond it becomes one.
+    A cut whose point lies in the joint of one body takes that body alone: its plane may meet others of the part's arms, which
+    stay as they are. Else it goes through all blocks that are there by then, and each body beyond it becomes one.
     Raises RecipeError, naming the cut, if it misses the part, leaves nothing, or has a direction that cannot be reached.
     """
     blocks, places = [block], {}
@@ -46,11 +50,7 @@ def pinned(ways: Ways, block: Block, recipe: Recipe) -> tuple[list[Block], dict[
                 "choose another build_direction",
             )
         plane = np.concatenate([np.array(cut.point_mm, dtype=np.float64), normal])
-        made: list[Block] = []
-        for at, here in enumerate(blocks):
-            rest, beyond = _all_beyond(ways, here, plane)
-            blocks[at] = rest
-            made += beyond
+        made = _taken_off(ways, blocks, plane)
         if not made:
             raise RecipeError(f"{name}: the plane through {vector_text(plane[:3])} mm misses the part", "move it, or leave it out")
         for one in made:
@@ -83,6 +83,35 @@ def in_places(order: list[int], places: dict[int, int], parents: Sequence[int]) 
     return made
 
 
+def _taken_off(ways: Ways, blocks: list[Block], plane: Floats) -> list[Block]:
+    """Bodies that a plane cuts off blocks, which become what is left of them: the one whose joint holds its point, else all beyond."""
+    for at, here in enumerate(blocks):
+        cut = PlaneCut(here.mesh, plane)
+        probe = plane[:3] + _BEYOND_MM * plane[3:]
+        for number in range(cut.count):
+            if solid_angle_turns(cut.above(number).mesh.corners, probe) > _AT_JOINT:
+                one = _one_beyond(ways, here, plane, cut.label == number)
+                if one is not None:
+                    blocks[at] = one[0]
+                    return [one[1]]
+    made: list[Block] = []
+    for at, here in enumerate(blocks):
+        blocks[at], beyond = _all_beyond(ways, here, plane)
+        made += beyond
+    return made
+
+
+def _one_beyond(ways: Ways, block: Block, plane: Floats, facets: NDArray[np.bool_]) -> tuple[Block, Block] | None:
+    """The rest of a block and the body beyond a plane to which given facets belong; None if none of them is the part's."""
+    source = block.body.source
+    mine = source[facets & (source >= 0)]
+    if not len(mine):
+        return None
+    like = np.zeros(len(ways.mesh.facets))
+    like[mine] = 1.0
+    return cut_off(ways, block, plane, like, None, "cut where the recipe says")
+
+
 def _all_beyond(ways: Ways, block: Block, plane: Floats) -> tuple[Block, list[Block]]:
     """A block without what lies beyond a plane, and the bodies beyond; the block itself where the plane misses it."""
     rest, made = block, []
@@ -90,12 +119,9 @@ def _all_beyond(ways: Ways, block: Block, plane: Floats) -> tuple[Block, list[Bl
         cut = PlaneCut(rest.mesh, plane)
         if not cut.count or (cut.label >= 0).all():
             break
-        source = rest.body.source
-        like = np.zeros(len(ways.mesh.facets))
-        mine = source[(cut.label == 0) & (source >= 0)]
-        if not len(mine):
+        one = _one_beyond(ways, rest, plane, cut.label == 0)
+        if one is None:
             break
-        like[mine] = 1.0
-        rest, beyond = cut_off(ways, rest, plane, like, None, "cut where the recipe says")
-        made.append(beyond)
+        rest = one[0]
+        made.append(one[1])
     return rest, made

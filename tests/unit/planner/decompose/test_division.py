@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -148,3 +150,14 @@ def test_cut_that_cannot_be_used_is_told_in_one_line(cut: Cut, words: str) -> No
     with pytest.raises(RecipeError, match=words) as caught:
         divided_with(part("hinge"), Recipe(build_direction=(0.0, -1.0, 0.0), cuts=(cut,)))
     assert "cuts[0]" in caught.value.message and "\n" not in caught.value.message
+
+
+def test_pinned_cut_whose_point_lies_in_one_bodys_joint_takes_that_body_alone() -> None:
+    lean = math.radians(32.2)
+    cuts = tuple(
+        Cut(point_mm=(side * 4.306, 0.0, 34.921), normal=(side * math.sin(lean), 0.0, math.cos(lean)), order=order)
+        for side, order in ((-1, 2), (1, 3))
+    )
+    stem, left, right = divided_with(part("double_arc"), Recipe(build_direction=(0.0, 0.0, 1.0), cuts=cuts)).pieces
+    assert left.mesh.bounds[1, 0] < 1.0 and right.mesh.bounds[0, 0] > -1.0
+    assert abs(left.mesh.volume - right.mesh.volume) < 1.0 and stem.mesh.bounds[1, 2] < 38.0
