@@ -247,7 +247,11 @@ def region_of(section: Section, curves: Sequence[Curve]) -> MultiPolygon:
 
     curves : of the section's loops, in their order.
     """
-    rings = [section.flatten(curve.evaluate(curve.sample(REGION_MM)))[:-1] for curve in curves]
+    return nested_region(section, [section.flatten(curve.evaluate(curve.sample(REGION_MM)))[:-1] for curve in curves])
+
+
+def nested_region(section: Section, rings: Sequence[Floats]) -> MultiPolygon:
+    """What rings that stand for a section's loops enclose, mm.  rings : (n, 2) float, mm, each, in the loops' order."""
     holes: dict[int, list[Floats]] = {}
     for loop, ring in zip(section.loops, rings, strict=True):
         if loop.is_hole:

@@ -16,7 +16,7 @@ from planner.mesh.findings import place_text
 from planner.mesh.mesh import Mesh
 from planner.process import Settings
 from planner.recipe import Recipe
-from planner.slicing.contours import REGION_MM, ContourStyle, fitted_curves
+from planner.slicing.contours import REGION_MM, ContourStyle, fitted_curves, nested_region
 from planner.slicing.regions import LayerRegion, built_region
 from planner.slicing.resting import Overhang, overhang
 from planner.slicing.section import Section, plane_frame
@@ -226,18 +226,4 @@ def seen_along_z(section: Section, rings: Sequence[Floats], build_from_layer: Fl
     rings : (n, 3) float, mm, build frame, each   points of its loops' curves, in their order.
     """
     axes, origin = build_from_layer[:3, :2], build_from_layer[:3, 3]
-    flat = [(ring - origin) @ axes for ring in rings]
-    holes: dict[int, list[Floats]] = {}
-    for loop, ring in zip(section.loops, flat, strict=True):
-        if loop.is_hole:
-            holes.setdefault(loop.parent, []).append(ring)
-    parts = [
-        shapely.Polygon(ring, holes.get(number, []))
-        for number, (loop, ring) in enumerate(zip(section.loops, flat, strict=True))
-        if not loop.is_hole
-    ]
-    whole = MultiPolygon(parts)
-    if whole.is_valid:
-        return whole
-    made = shapely.union_all([shapely.make_valid(part, method="structure", keep_collapsed=False) for part in parts])
-    return MultiPolygon([part for part in shapely.get_parts(made) if part.geom_type == "Polygon"])
+    return nested_region(section, [(ring - origin) @ axes for ring in rings])
