@@ -280,7 +280,7 @@ def layer_contours_many(
 
     Of one of its sections where the layer is built from it, with the mesh's own corners; else of what they make together.
     """
-    chosen = [_single_section(layer) for layer in layers]
+    chosen = [single_section(layer) for layer in layers]
     curves = section_curves_many([section for section in chosen if section is not None], mesh, style)
     following = iter(curves)
     found: list[tuple[Contour, ...]] = []
@@ -305,8 +305,8 @@ def layer_contours_many(
     return found
 
 
-def _single_section(layer: LayerRegion) -> Section | None:
-    """The section that a layer is built from; None if it is built from several."""
+def single_section(layer: LayerRegion) -> Section | None:
+    """The one of a layer's sections that its region is; None if the region is put together from several."""
     for section, area in zip((layer.bottom, layer.middle, layer.top), layer.areas, strict=True):
         if is_same(area, layer.region):
             return section

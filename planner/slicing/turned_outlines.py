@@ -15,8 +15,7 @@ from planner.nurbs.rings import curves_from_region
 from planner.nurbs.ruled import RuledSurface
 from planner.plan import Contour, Wall
 from planner.recipe import Recipe
-from planner.slicing.contours import REGION_MM, ContourStyle, section_curves_many
-from planner.slicing.plane_regions import is_same
+from planner.slicing.contours import REGION_MM, ContourStyle, section_curves_many, single_section
 from planner.slicing.regions import built_region
 from planner.slicing.section import Section
 from planner.slicing.turning import TurnedLayer, seen_along_z
@@ -35,7 +34,7 @@ def plan_outlines(
     section's own curve seen along the layer's z; else it is put together of the sections. Walls as `turned_walls`.
     """
     style = ContourStyle.from_recipe(recipe)
-    chosen = [_single(layer) for layer in layers]
+    chosen = [single_section(layer.region) for layer in layers]
     own = iter(section_curves_many([section for section in chosen if section is not None], mesh, style))
     walls = turned_walls(mesh, [(layer.region.bottom, layer.region.top) for layer in layers], style)
     found = []
@@ -82,15 +81,6 @@ def _has_fan(surface: RuledSurface) -> bool:
         chords = np.linalg.norm(np.diff(curve.evaluate(breaks), axis=0), axis=1)
         shares.append(chords / max(float(chords.sum()), 1e-12))
     return bool(((np.minimum(*shares) <= _POINT) & (np.maximum(*shares) >= _STRETCH)).any())
-
-
-def _single(layer: TurnedLayer) -> Section | None:
-    """The section that a layer is built from; None if it is built from several."""
-    region = layer.region
-    for section, area in zip((region.bottom, region.middle, region.top), region.areas, strict=True):
-        if is_same(area, region.region):
-            return section
-    return None
 
 
 def _put_together(layer: TurnedLayer, mesh: Mesh, style: ContourStyle) -> tuple[Contour, ...]:
