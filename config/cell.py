@@ -23,6 +23,7 @@ class Axis(Facts):
     max: Finite = Field(description="mm or deg, machine coordinates")
     max_velocity: Positive = Field(description="mm/s or deg/s")
     max_acceleration: Positive = Field(description="mm/s2 or deg/s2")
+    max_jerk: Positive | None = Field(None, description="mm/s3 or deg/s3; none: what reaches the greatest acceleration in 50 ms")
     home: Finite = Field(0.0, description="machine coordinate after homing")
 
     @model_validator(mode="after")
@@ -30,6 +31,11 @@ class Axis(Facts):
         if self.min >= self.max:
             raise ValueError(f"axis {self.letter}: min {self.min} must be below max {self.max}")
         return self
+
+    @property
+    def jerk(self) -> float:
+        """mm/s3 or deg/s3."""
+        return 20.0 * self.max_acceleration if self.max_jerk is None else self.max_jerk
 
 
 class Joint(Facts):
@@ -108,7 +114,11 @@ class Cnc(Facts):
     answer_timeout_s: Positive = Field(5.0, description="for ok or error, beyond the time of the moves ahead of it")
     status_period_s: Positive = Field(0.1, ge=0.05, description="status query period")
     laser_gate_output: int | None = Field(None, ge=0, le=15, description="digital output (M62/M63 P) that gates the laser; none: gate by Modbus")
-    max_blocks_per_s: Positive = 400.0
+    power_output: int | None = Field(None, ge=0, le=15, description="analogue output (M67 E) that carries the laser's power in the stream; none: by Modbus")
+    max_blocks_per_s: Positive = Field(400.0, description="what the control takes in, of straight five-axis blocks")
+    junction_deviation_mm: Positive = Field(0.01, description="how far a corner may be cut (mm, or deg where rotary axes turn); grblHAL's $11")
+    takes_arcs: bool = Field(True, description="G2 and G3 in the XY plane")
+    takes_comments: bool = Field(True, description="text in parentheses; it goes over the wire like any other")
 
 
 class Link(Facts):

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-PROGRAM_SCHEMA = 1
+PROGRAM_SCHEMA = 2
 
 
 class LineKind(IntEnum):
@@ -46,6 +46,7 @@ LINE_DTYPE = np.dtype(
         ("tip_end", "<f8", (3,)),  # mm, build frame, at the end of the line
         ("axis_end", "<f8", (3,)),  # unit vector, build frame
         ("joints_end", "<f8", (5,)),  # mm or deg, machine coordinates, in the order of the cell's axes
+        ("bulge", "<f8"),  # of an arc in the machine's XY plane: tan(sweep / 4), counter-clockwise > 0; 0: straight
     ]
 )
 

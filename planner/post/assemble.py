@@ -129,7 +129,7 @@ def _dwell(
 def _table(items: NDArray[np.void], times: Floats, cell: Cell, chain: Chain, placed: Floats) -> NDArray[np.void]:
     table = np.zeros(len(items), LINE_DTYPE)
     table["n"] = np.arange(1, len(items) + 1)
-    for name in ("kind", "layer", "operation", "pass_", "arc_start_mm", "arc_end_mm"):
+    for name in ("kind", "layer", "operation", "pass_", "arc_start_mm", "arc_end_mm", "bulge"):
         table[name] = items[name]
     ends = np.cumsum(times)
     table["time_end_s"] = ends

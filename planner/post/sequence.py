@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from config.cell import Cell
+from config.cell import Cell, Tool
+from planner.collide.guard import Guard
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.limits import check_travel, excess
 from planner.kinematics.timing import axis_limited_times
 from planner.plan import Operation, Pass, Plan
 from planner.post.grblhal import HEADER
-from planner.post.linearise import LinearOperation, linearise
+from planner.post.linearise import LinearOperation
 from planner.post.pass_curve import PassCurve
-from planner.post.poses import PoseSolver
+from planner.post.poses import SAME_POSE, PoseSolver
 from planner.post.positioning import Positioner
 from planner.post.process_state import MODE_DEPOSIT, MODE_MILL, MODE_SAFE, ProcessState
+from planner.post.reaching import reach_operation
 from planner.post.tape import Move, Origin, Tape
-from planner.post.tools import tool_for
 from planner.program import LineKind
 
 _SAME_ARC_MM = 1e-6
@@ -53,11 +54,17 @@ class Sequencer:
     def __post_init__(self) -> None:
         self.tape = Tape(np.array([axis.home for axis in self.cell.axes]))
         self.state = ProcessState(self.tape, self.cell, self.carrier_gas_l_min)
+        self.guard = Guard(self.plan, self.cell, self.chain, self.placed)
+        self.posted: dict[int, Operation] = {}
         self._positioner = Positioner(self.chain, self.cell)
         self._max_velocity = np.array([axis.max_velocity for axis in self.cell.axes])
         self._spindle_rpm = 0.0
         self._layer_starts: dict[int, int] = {}
         self._solvers: dict[int, PoseSolver] = {}
+
+    def solver(self, tool: Tool) -> PoseSolver:
+        """The poses of a tool."""
+        return self._solvers.setdefault(tool.number, PoseSolver(self.chain, self.cell, np.array(tool.tip_mm)))
 
     def run(self) -> Tape:
         """The whole tape. Raises PostError, TravelLimitError or ReachError."""
@@ -79,7 +86,9 @@ class Sequencer:
             )
             for index, item in enumerate(operation.passes)
         ]
-        tool = tool_for(operation, self.cell)
+        reached = reach_operation(operation, curves, self)
+        tool, curves, moves = reached.tool, list(reached.curves), reached.moves
+        operation = self.posted[number] = replace(operation, passes=tuple(curve.source for curve in curves))
         is_changed = tool.number != self.tape.tool
         if is_changed:
             self._change_tool(tool.number, operation, origin)
@@ -87,13 +96,13 @@ class Sequencer:
         self._dwell(operation, origin)
         if operation.process.is_deposit and self.state.mode != MODE_DEPOSIT:
             self.state.enter_mode(MODE_DEPOSIT, self.tape.count)
-        solver = self._solvers.setdefault(tool.number, PoseSolver(self.chain, self.cell, np.array(tool.tip_mm)))
-        moves = linearise(curves, solver, self.tape.joints, self.cell.chord_tolerance_mm, self.cell.axis_tolerance_deg)
         self._check_travel(curves, moves)
         self.counts.positionings += int(np.count_nonzero(moves.poses.needs_positioning[int(is_changed) :]))
-        if is_changed:
+        apart = float(np.abs(moves.poses.joints[0] - self.tape.joints).max())
+        if is_changed or apart > SAME_POSE:  # changing, spinning up and waiting are done standing clear
             moves.poses.needs_positioning[0] = True
         self._passes(number, operation, curves, moves)
+        self.guard.advance(operation)
 
     def _passes(self, number: int, operation: Operation, curves: list[PassCurve], moves: LinearOperation) -> None:
         first = np.flatnonzero(moves.rows.is_first)

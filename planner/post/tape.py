@@ -36,6 +36,7 @@ ITEM_DTYPE = np.dtype(
         ("tool", "<i4"),  # number of the tool in the spindle
         ("time_s", "<f8"),  # nominal
         ("way", "<f8"),  # of the joints, mm and deg alike, before rounding
+        ("bulge", "<f8"),  # of an arc in the machine's XY plane: tan(sweep / 4), counter-clockwise > 0; 0: straight
         ("move", "u1"),
         ("named", "u1"),  # bit k: axis k is named even if it does not move
         ("stop", "?"),  # the machine stands before and after

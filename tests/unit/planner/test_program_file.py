@@ -68,7 +68,7 @@ def test_another_schema_is_refused_by_number(program: Program, tmp_path: Path) -
     index = json.loads((tmp_path / "program.json").read_text())
     index["schema"] = 99
     (tmp_path / "program.json").write_text(json.dumps(index))
-    with pytest.raises(FileFormatError, match="schema 99, this version reads 1"):
+    with pytest.raises(FileFormatError, match="schema 99, this version reads 2"):
         read_program(tmp_path)
 
 
