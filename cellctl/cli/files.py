@@ -122,13 +122,26 @@ def show(
 
 
 def post(
-    plan: Annotated[Path, typer.Argument(help="A plan file.")],
+    plan: Annotated[Path | None, typer.Argument(help="A plan file.")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the program.")] = Path("program"),
     cell: CellName = DEFAULT_CELL,
     dialect: Annotated[str, typer.Option("--dialect", help="Of the G-code.")] = "grblhal",
+    selftest: Annotated[
+        bool, typer.Option("--selftest", help="A probe program that checks signs and pivots of the machine.")
+    ] = False,
+    readings: Annotated[
+        Path | None, typer.Option("--readings", help="With --selftest: the control's [PRB:...] lines, to be judged.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Post a plan for a cell: G-code per layer, a line table and the process schedule."""
+    if selftest:
+        from cellctl.cli.selftest import selftest as write_selftest
+
+        write_selftest(cell, out, readings, json)
+        return
+    if plan is None:
+        raise InputFault("post: no plan file", "name one, or ask for --selftest")
     from config import load_cell
     from planner.files import read_plan, write_program
     from planner.post import post as make_program

@@ -166,3 +166,24 @@ def test_command_line_answers_help() -> None:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     work_s = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
     assert work_s < 3.0  # of the processor, whatever else it does; 0.3 s on an idle machine
+
+
+def test_selftest_is_written_with_the_readings_to_expect_and_judges_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run("post", "--selftest", "-o", "st", "--json", monkeypatch=monkeypatch) == 0
+    told = json.loads(capsys.readouterr().out)
+    program = (tmp_path / "st" / "selftest.ngc").read_text(encoding="ascii")
+    assert program.count("G38.3") == len(told["touches"]) and program.count("M0") == 1
+    answers = [f"[PRB:{','.join(f'{value:.3f}' for value in touch['reading'])}:1]" for touch in told["touches"]]
+    (tmp_path / "said.txt").write_text("ok\n".join(answers), encoding="ascii")
+    assert run("post", "--selftest", "--readings", "said.txt", monkeypatch=monkeypatch) == 0
+    assert "describes this machine" in capsys.readouterr().out
+    lifted = [float(value) for value in told["touches"][0]["reading"]]
+    lifted[2] += 0.5
+    answers[0] = f"[PRB:{','.join(f'{value:.3f}' for value in lifted)}:1]"
+    (tmp_path / "said.txt").write_text("\n".join(answers), encoding="ascii")
+    assert run("post", "--selftest", "--readings", "said.txt", monkeypatch=monkeypatch) == 1
+    assert "does not describe this machine" in capsys.readouterr().out
+    assert run("post", monkeypatch=monkeypatch) == 2
