@@ -39,7 +39,8 @@ def selftest(cell: str, out: Path, readings: Path | None, as_json: bool) -> None
         f"{program}: {len(test.touches)} touches. Set a cube of {artefact.edge_mm:g} mm with its centre at {_at(artefact.cube_mm)} and a "
         f"ball of {artefact.ball_diameter_mm:g} mm at {_at(artefact.ball_mm)} of the build frame, edges along x, y, z; probe with "
         f"{artefact.probe_length_mm:g} mm to the centre of its ball of {artefact.probe_ball_mm:g} mm. "
-        f"Laser and spindle off. Run it with a hand on the E-stop; it stops after the first stage. Then: cellctl post --selftest --readings FILE with the control's [PRB:...] lines."
+        f"Laser and spindle off. Run it with a hand on the E-stop; it stops after the first stage. "
+        f"Then: cellctl post --selftest --readings FILE with the control's [PRB:...] lines."
     )
 
 
