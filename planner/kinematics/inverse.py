@@ -15,6 +15,10 @@ Bools = NDArray[np.bool_]
 EXACT_CONE_RAD = 1e-7
 """Half angle of the singular cone for exact work: below it the direction of a unit vector in doubles says nothing about the turn."""
 _REACH_SLACK = 1e-12  # of the squared third coordinate; rounding at the edge of what two tilted rotaries reach
+_EXACT = 1e-12  # of a unit vector's coordinates: more than the closed form leaves away from its double root
+_POLISHES = 8  # Gauss-Newton steps near the double root, where a square root of rounding is what the closed form leaves
+_DAMPING = 1e-14  # of the normal equations: both joints turn the tool the same way where the branches meet
+_SPANS = 1e-9  # of the determinant of the linear joints' directions: below it they do not span space
 
 
 @dataclass(frozen=True)
@@ -91,11 +95,37 @@ def rotary_angles(pair: RotaryPair, axis: Floats, cone_rad: float = EXACT_CONE_R
     height = np.sqrt(np.maximum(rest, 0.0))[:, None] * across
     angles = np.empty((len(axis), 2, 2))
     for branch, middle in enumerate((plane + height, plane - height)):
-        angles[:, branch, 0] = pair.sense[0] * angle_about(w1, middle, q)
-        angles[:, branch, 1] = pair.sense[1] * angle_about(w2, p, middle)
+        turns = np.column_stack([angle_about(w1, middle, q), angle_about(w2, p, middle)])
+        angles[:, branch] = np.array(pair.sense) * _polished(w1, w2, p, q, turns)
     spin = (pair.first, pair.second)[pair.spin].direction
     off_axis = np.linalg.norm(np.cross(axis, spin), axis=1)
     return RotaryAngles(angles, off_axis < np.sin(cone_rad), rest > -_REACH_SLACK)
+
+
+def _polished(w1: Floats, w2: Floats, p: Floats, q: Floats, turns: Floats) -> Floats:
+    """(n, 2) deg: turns about w1 and w2 for which exp(w1 a) exp(w2 b) p is q to the last digits, from turns near them.
+
+    Where both branches meet the closed form is off by the root of the rounding; Gauss-Newton steps of least length mend that.
+    """
+    solved = np.array(turns)
+    for _ in range(_POLISHES):
+        middle = rotated(p, w2, solved[:, 1])
+        off = q - rotated(middle, w1, solved[:, 0])
+        rows = np.flatnonzero(np.abs(off).max(axis=1, initial=0.0) > _EXACT)
+        if rows.size == 0:
+            break
+        ways = np.stack(
+            [np.cross(w1, q[rows]), rotated(np.cross(w2, middle[rows]), w1, solved[rows, 0])], axis=2
+        )  # (k, 3, 2), per rad
+        normal = np.einsum("kij,kil->kjl", ways, ways) + _DAMPING * np.eye(2)
+        right = np.einsum("kij,ki->kj", ways, off[rows])
+        trial = solved[rows] + np.rad2deg(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
+        left = q[rows] - rotated(rotated(p[rows], w2, trial[:, 1]), w1, trial[:, 0])
+        better = np.abs(left).max(axis=1) < np.abs(off[rows]).max(axis=1)
+        if not better.any():
+            break
+        solved[rows[better]] = trial[better]
+    return np.asarray(solved - 360.0 * np.ceil((solved - 180.0) / 360.0))
 
 
 def tilt_for_spin(pair: RotaryPair, axis: Floats, spin_deg: Floats) -> Floats:
@@ -110,13 +140,17 @@ def tilt_for_spin(pair: RotaryPair, axis: Floats, spin_deg: Floats) -> Floats:
 def linear_joints(chain: Chain, joints: Floats, tip: Floats, tool_tip_mm: Floats) -> Floats:
     """Joints with the rotary columns as given and the linear ones solved so that the tip (n, 3), table frame, is met exactly.
 
-    joints : (n, 5) float, linear columns of no meaning. Returns (n, 5) float.
+    joints : (n, 5) float, linear columns of no meaning. Returns (n, 5) float; NaN in the linear columns of rows where the
+    rotary joints bring the linear ones into one plane.
     """
     solved = np.array(joints, dtype=np.float64)
     columns = [joint.column for joint in chain.linear]
     solved[:, columns] = 0.0
     gap = chain.carried_by_table(solved, tip) - chain.carried_by_head(solved, tool_tip_mm)
     ways = chain.linear_directions(solved)
+    flat = np.abs(np.linalg.det(ways)) < _SPANS
+    ways[flat] = np.eye(3)
+    gap[flat] = np.nan
     solved[:, columns] = np.linalg.solve(ways.transpose(0, 2, 1), gap[:, :, None])[:, :, 0]
     return solved
 
