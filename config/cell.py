@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from config.base import ConfigError, Facts, Finite, NotNegative, Positive, Vector3, find_facts, read_facts
 from config.machine import MachineGeometry, ProofLimits
+from config.macros import DialectName, Macros
 
 Letter = Literal["X", "Y", "Z", "A", "B", "C"]
 
@@ -149,6 +150,13 @@ class Placement(Facts):
     pivots_mm: dict[str, Vector3] = Field(default_factory=dict, description="measured point on a rotary axis, replaces the nominal one of the chain")
 
 
+class Plate(Facts):
+    """The plate that is clamped to the table and that parts grow from."""
+
+    size_mm: tuple[Positive, Positive, Positive] = Field((120.0, 120.0, 10.0), description="x, y and thickness")
+    top_mm: Vector3 = Field((0.0, 0.0, 0.0), description="centre of its top, table frame")
+
+
 class Volume(Facts):
     """Box in which metal may be, in the table frame (mm)."""
 
@@ -181,8 +189,6 @@ class Simulation(Facts):
     """Read by `sim` only."""
 
     seed: int = 1
-    substrate_mm: Vector3 = Field((120.0, 120.0, 10.0), description="size of the plate that is clamped to the table")
-    substrate_top_mm: Vector3 = Field((0.0, 0.0, 0.0), description="centre of the plate's top, table frame")
     hopper_g: Positive = 2000.0
     powder_transport_s: NotNegative = Field(1.2, description="delay from feeder to nozzle")
     powder_settle_s: Positive = Field(0.6, description="time constant of the flow")
@@ -204,28 +210,36 @@ class Cell(Facts):
     tools: tuple[Tool, ...]
     links: dict[Literal["laser", "feeder", "io"], Link]
     placement: Placement = Placement()
+    plate: Plate = Plate()
     limits: Limits = Limits()
     service: Service = Service()
     simulation: Simulation = Simulation()
     machine: MachineGeometry | None = Field(None, description="none: no collisions are looked for")
     proof: ProofLimits = ProofLimits()
+    macros: dict[DialectName, Macros] = Field(default_factory=dict, description="lines per dialect at the fixed places of a program")
     chord_tolerance_mm: Positive = Field(0.01, description="linearisation, tip")
     axis_tolerance_deg: Positive = Field(0.05, description="linearisation, tool axis")
     rapid_clearance_mm: Positive = Field(5.0, description="above the highest metal, along the tool axis")
 
     @property
     def sha256(self) -> str:
-        """Hash (hex) of what a Program depends on: not the wires, the service's address, the simulation, and what only the proof looks at."""
+        """Hash (hex) of what a Program depends on; the machine's STL files by what is in them, wherever they are.
+
+        Not: the wires, the service's address, the simulation, and the limits that only the proof judges by.
+        """
         left_out: dict[str, Any] = {
-            "mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True, "machine": True, "proof": True,
-            "tools": {"__all__": {"shank_diameter_mm", "stickout_mm", "nozzle"}},
+            "mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True, "proof": True,
+            "machine": {"solids": {"__all__": {"file"}}},
         }  # fmt: skip
-        return hashlib.sha256(self.model_dump_json(exclude=left_out).encode()).hexdigest()
+        return self._with_files(self.model_dump_json(exclude=left_out))
 
     @property
     def twin_sha256(self) -> str:
-        """Hash (hex) of what only a Proof depends on: the simulation, the machine's shape (files included), the tools and the verdict's limits."""
-        digest = hashlib.sha256(self.model_dump_json(include={"simulation", "machine", "proof", "tools"}).encode())
+        """Hash (hex) of what a Proof depends on: the simulation, the plate, the machine's shape (files included), the tools and the verdict's limits."""
+        return self._with_files(self.model_dump_json(include={"simulation", "plate", "machine", "proof", "tools"}))
+
+    def _with_files(self, text: str) -> str:
+        digest = hashlib.sha256(text.encode())
         for solid in self.machine.solids if self.machine else ():
             if solid.file:
                 digest.update(Path(solid.file).read_bytes())

@@ -64,7 +64,7 @@ class Guard:
         if self.cell.machine is None:
             return []
         width, depth = parse_recipe(self.plan.recipe_toml).substrate_mm
-        size = (width, depth, self.cell.simulation.substrate_mm[2])
+        size = (width, depth, self.cell.plate.size_mm[2])
         number = self._carriers.number
         bodies = bodies_of(self.cell, number, plate_body(size, number["table"], self.placed))
         known = {body.name for body in bodies}

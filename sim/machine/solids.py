@@ -97,7 +97,7 @@ def _revolved(radius: float, corner: float, length: float) -> Array:
 
 def _clamped(cell: Cell, machine: MachineGeometry, carrier: int) -> list[Body]:
     """The plate, and the toe clamps at the middles of its edges."""
-    size, top = np.array(cell.simulation.substrate_mm), np.array(cell.simulation.substrate_top_mm)
+    size, top = np.array(cell.plate.size_mm), np.array(cell.plate.top_mm)
     bodies = [_box("plate", carrier, top - [0.0, 0.0, 0.5 * size[2]], 0.5 * size)]
     clamps = machine.clamps
     half_deep, half_high = 0.5 * (clamps.overlap_mm + clamps.outside_mm), 0.5 * (clamps.above_mm + size[2])

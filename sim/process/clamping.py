@@ -65,7 +65,7 @@ def metal_for(cell: Cell, part_bounds: Array, cell_mm: float, material: Material
     low, high = np.asarray(part_bounds, dtype=np.float64)
     bounds = np.array([low - np.array([BESIDE_MM, BESIDE_MM, BELOW_MM]), high + np.array([BESIDE_MM, BESIDE_MM, ABOVE_MM])])
     stock = Stock(bounds, cell_mm, material)
-    size, top = np.array(cell.simulation.substrate_mm), np.array(cell.simulation.substrate_top_mm)
+    size, top = np.array(cell.plate.size_mm), np.array(cell.plate.top_mm)
     half = 0.5 * size * [1.0, 1.0, 0.0]
     stock.fill_box(np.array([top - half - [0.0, 0.0, size[2]], top + half]), inverse(frame))
     return Metal(stock, cell, frame)

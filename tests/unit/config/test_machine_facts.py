@@ -47,11 +47,28 @@ def test_an_stl_is_looked_for_beside_the_cells_file_and_its_content_is_part_of_t
     assert config.load_cell(file).twin_sha256 != before
 
 
-def test_a_program_does_not_depend_on_the_machines_shape_but_a_proof_does(tmp_path: Path) -> None:
+def test_a_program_depends_on_the_machines_shape_its_plate_and_the_tools_shapes(tmp_path: Path) -> None:
     drawn = config.load_cell("trunnion_tcp")
-    bare = config.load_cell(cell_file(tmp_path))
-    assert drawn.sha256 == bare.sha256
-    assert drawn.twin_sha256 != bare.twin_sha256
+    longer = drawn.tools[1].model_copy(update={"stickout_mm": 50.0})
+    thicker = drawn.plate.model_copy(update={"size_mm": (120.0, 120.0, 12.0)})
+    changed = [
+        config.load_cell(cell_file(tmp_path)),
+        drawn.model_copy(update={"tools": (drawn.tools[0], longer, *drawn.tools[2:])}),
+        drawn.model_copy(update={"plate": thicker}),
+    ]
+    assert len({cell.sha256 for cell in (drawn, *changed)}) == 4
+    assert len({cell.twin_sha256 for cell in (drawn, *changed)}) == 4
+
+
+def test_a_program_depends_on_what_an_stl_holds_but_not_on_its_folder(tmp_path: Path) -> None:
+    hashes = []
+    for name, wide in (("here", 1), ("there", 1), ("other", 2)):
+        folder = tmp_path / name
+        folder.mkdir()
+        file = cell_file(folder, solids=[{"name": "arm", "carrier": "Z", "shape": "stl", "file": "arm.stl"}])
+        trimesh.creation.box((wide, 1, 1)).export(folder / "arm.stl")
+        hashes.append(config.load_cell(file).sha256)
+    assert hashes[0] == hashes[1] != hashes[2]
 
 
 def test_a_cutter_sticks_out_by_its_flutes_and_one_diameter_where_nothing_else_is_said() -> None:

@@ -132,7 +132,7 @@ def test_shank_that_rubs_above_a_cut_deeper_than_the_flutes_is_told() -> None:
 
 def test_cutter_that_runs_into_a_clamp_is_told_by_the_clamp_s_name_and_height() -> None:
     assert CELL.machine is not None
-    clamps, plate = CELL.machine.clamps, CELL.simulation.substrate_mm
+    clamps, plate = CELL.machine.clamps, CELL.plate.size_mm
     below_mm = 1.5
 
     def drive(w: Writer) -> int:

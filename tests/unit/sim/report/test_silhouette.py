@@ -58,7 +58,7 @@ def test_what_a_tool_met_is_drawn_as_the_cell_s_file_has_it() -> None:
     stand = Scene(program, CELL).at(found("collision", "T2 flutes goes 1.50 mm into clamp 3", line, (-50.0, 0.0, 7.0)))
     assert stand is not None and CELL.machine is not None
     (clamp,) = [each for each in stand.outlines if not each.is_tool]
-    clamps, plate = CELL.machine.clamps, CELL.simulation.substrate_mm
+    clamps, plate = CELL.machine.clamps, CELL.plate.size_mm
     low, high = clamp.points.min(axis=0), clamp.points.max(axis=0)
     assert clamp.name == "clamp 3" and high[2] == pytest.approx(clamps.above_mm)
     assert (low[0], high[0]) == pytest.approx((-0.5 * plate[0] - clamps.outside_mm, -0.5 * plate[0] + clamps.overlap_mm))
