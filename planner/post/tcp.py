@@ -1,0 +1,111 @@
+"""Programs in workpiece coordinates: the entry that posting calls, for every five-axis control."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from config.cell import Cell, Placement
+from planner.kinematics.timing import predicted_times
+from planner.post import siemens
+from planner.post.assemble import Assembly
+from planner.post.header import About, header_texts
+from planner.post.macros import MacroBook
+from planner.post.tape import Move, Tape, schedule_of
+from planner.post.tcp_build import Builder, Job, frame_of
+from planner.post.tcp_pass import Frame
+from planner.post.tcp_text import laid_out
+from planner.post.tcp_words import SMOOTHING_SHARE, Vocabulary, plain
+
+if TYPE_CHECKING:
+    from planner.post.sequence import Sequencer
+
+Floats = NDArray[np.float64]
+
+WRITERS: Mapping[str, ModuleType] = {"siemens": siemens}
+"""Five-axis controls: name of the dialect -> its words."""
+
+_LEAST_DWELL_S = 0.01
+
+
+def write_tcp(dialect: str, sequencer: Sequencer, placement: Placement, about: About) -> Assembly:
+    """Text and tables of the sequencer's tape for a five-axis control, in workpiece coordinates.
+
+    sequencer : after run(): its tape, the operations as posted, cell, chain and placed matrix count   about : for the header
+    Raises PostError where the tape says what the control has no word for, or a work offset turns a rotary axis.
+    """
+    writer, cell, tape, plan = WRITERS[dialect], sequencer.cell, sequencer.tape, about.plan
+    work_offset = np.array([placement.work_offset.get(letter, 0.0) for letter in cell.letters])
+    frame = frame_of(sequencer.placed, cell, work_offset)
+    times = tape_times(tape, cell)
+    dwells = dwell_times(tape, times)
+    job = Job(tape, sequencer.posted, cell, sequencer.chain, sequencer.placed, frame, times, dwells)
+    blocks = Builder(job, writer.CONTROL).build()
+    vocabulary = _vocabulary(writer, sequencer, about, frame, float(times.sum()))
+    written = laid_out(blocks, writer.texts(blocks, vocabulary), writer.numbered, frame.back, frame.rotation)
+    items = np.maximum.accumulate(written.items)
+    line_of_item = np.searchsorted(items, np.arange(tape.count)).clip(0, len(items) - 1)
+    starts = np.searchsorted(np.maximum.accumulate(written.table["layer"]), np.arange(len(plan.layers)))
+    layer_starts = np.append(starts, len(items)).astype(np.int64)
+    duration_s = float(written.table["time_end_s"][-1])
+    return Assembly(written.lines, written.table, schedule_of(tape.entries, line_of_item), layer_starts, duration_s)
+
+
+def _vocabulary(writer: ModuleType, sequencer: Sequencer, about: About, frame: Frame, duration_s: float) -> Vocabulary:
+    cell = sequencer.cell
+    low, high = about.plan.bounds
+    corners = frame.points(np.array(list(itertools.product(*zip(low.tolist(), high.tolist(), strict=True)))))
+    joints = sequencer.tape.items()["joints"]
+    path_mm, axis_deg = SMOOTHING_SHARE * cell.chord_tolerance_mm, SMOOTHING_SHARE * cell.axis_tolerance_deg
+    values = {"path_mm": plain(path_mm), "merge_mm": plain(path_mm), "axis_deg": plain(axis_deg)}
+    return Vocabulary(
+        book=MacroBook(cell, writer.NAME, writer.MACROS, values),
+        header=header_texts(about, joints.min(axis=0), joints.max(axis=0), duration_s),
+        letters=cell.letters,
+        output=1 + (cell.cnc.laser_gate_output or 0),
+        rapid_mm_min=60.0 * min(axis.max_velocity for axis in cell.axes if axis.kind == "linear"),
+        name=program_name(about.plan.part_name),
+        box_mm=(tuple(corners.min(axis=0).tolist()), tuple(corners.max(axis=0).tolist())),
+        smoothing_mm=path_mm,
+        smoothing_deg=axis_deg,
+        rotary=tuple(joint.column for joint in sequencer.chain.rotary),
+    )
+
+
+def program_name(part: str) -> str:
+    """Letters, digits and underscores, 1 to 24 of them, beginning with a letter."""
+    kept = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in part).upper()[:24]
+    return kept if kept[:1].isalpha() else f"P{kept}"[:24]
+
+
+def tape_times(tape: Tape, cell: Cell) -> Floats:
+    """(items,) s: times of the items as the cell's axes take them, dwells as 0."""
+    items = tape.items()
+    start = np.array([axis.home for axis in cell.axes])
+    steps = np.diff(np.vstack([start, items["joints"]]), axis=0)
+    stops = items["stop"] | np.append(False, items["stop"][:-1])
+    for i in np.flatnonzero(stops & (items["move"] == Move.NONE)).tolist():
+        stops[min(i + 1, len(stops) - 1)] = True
+    return predicted_times(steps, items["time_s"], stops, np.array([axis.max_acceleration for axis in cell.axes]))
+
+
+def dwell_times(tape: Tape, times: Floats) -> dict[int, float]:
+    """Item -> s, of the dwells that have something to wait for; the times (items,) of these items are set to it."""
+    starts = np.append(0.0, np.cumsum(times))
+    waits: list[tuple[int, float]] = []
+    found = {}
+    for item in sorted(tape.dwells):
+        least_s, since = tape.dwells[item]
+        waited = sum(rest for at, rest in waits if since <= at < item)
+        rest = float(np.ceil(100.0 * (least_s - (starts[item] - starts[since] + waited)))) / 100.0
+        if rest >= _LEAST_DWELL_S:
+            waits.append((item, rest))
+            found[item] = rest
+    for item, rest in found.items():
+        times[item] = rest
+    return found

@@ -1,0 +1,310 @@
+"""The tape in workpiece coordinates: blocks of tip and axis, NURBS, machine positions and commands, before any control's words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from config.cell import Cell
+from planner.errors import PostError
+from planner.kinematics.chain import Chain
+from planner.plan import Operation
+from planner.post.header import operation_text
+from planner.post.pass_curve import PassCurve
+from planner.post.tape import Entry, Move, Tape
+from planner.post.tcp_blocks import BLOCK_DTYPE, Blocks, Command, Say, What, meaning
+from planner.post.tcp_pass import Control, Floats, Frame, Spline, splines, straight
+from planner.program import Channel
+
+Ints = NDArray[np.int64]
+
+_SAME_ARC_MM = 1e-6
+_STANDS = 1e-7  # mm or deg
+_Said = dict[float, list[tuple[int, Command | None, list[Entry]]]]
+_PARAMETER_DIGITS = 6  # decimals of knots, in a parameter that is the arc length in mm
+
+
+@dataclass(frozen=True)
+class Job:
+    """What the blocks are made of: the tape and its operations as posted, for a cell and a placement.
+
+    placed : (4, 4) float, table from build   frame : workpiece from build   times : (items,) float, s, predicted for each item of the tape
+    dwells : item -> s
+    """
+
+    tape: Tape
+    posted: dict[int, Operation]
+    cell: Cell
+    chain: Chain
+    placed: Floats
+    frame: Frame
+    times: Floats
+    dwells: dict[int, float]
+
+
+def frame_of(placed: Floats, cell: Cell, work_offset: Floats) -> Frame:
+    """Workpiece coordinates: the table frame less the work offset of the linear axes; the turn of the part is in the numbers.
+
+    Raises PostError if the offset turns a rotary axis: the five-axis transformation of each control takes that otherwise.
+    """
+    shift = placed[:3, 3].copy()
+    for axis, value in zip(cell.axes, work_offset.tolist(), strict=True):
+        if axis.kind == "linear":
+            shift["XYZ".index(axis.letter)] -= value
+        elif value != 0.0:
+            raise PostError(
+                f"work offset of {axis.letter} is {value:g} deg: a program in workpiece coordinates needs rotary axes without offset",
+                "set it to 0 and turn the part with placement.rotation_deg",
+            )
+    return Frame(placed[:3, :3].copy(), shift)
+
+
+class Builder:
+    """Walks along the tape and adds blocks."""
+
+    def __init__(self, job: Job, control: Control) -> None:
+        self._job, self._control = job, control
+        self._items = job.tape.items()
+        self._parts: list[NDArray[np.void]] = []
+        self._commands: list[Command] = []
+        self._entries: dict[int, list[Entry]] = {}
+        for entry in job.tape.entries:
+            self._entries.setdefault(entry.item, []).append(entry)
+        self._laser_w: float | None = None
+        self._was_dark = (
+            False  # the gate went off since the last move: it is to close with motion, not with a change of mode
+        )
+        self._starts = np.vstack([[axis.home for axis in job.cell.axes], self._items["joints"][:-1]])
+        self._tips = {tool.number: np.array(tool.tip_mm) for tool in job.cell.tools}
+
+    def build(self) -> Blocks:
+        """All blocks in the order of the tape. Raises PostError for a command that has no meaning here."""
+        items = self._items
+        key = np.where(items["pass_"] >= 0, items["operation"].astype(np.int64) << 32 | items["pass_"], -1)
+        edges = np.flatnonzero(np.append(True, np.diff(key) != 0))
+        self._say(0, Command(Say.BEGIN))
+        told = -1
+        for begin, end in zip(edges.tolist(), [*edges[1:].tolist(), len(items)], strict=True):
+            here = int(items["operation"][begin])
+            if here >= 0 and here != told:
+                self._announce(begin, here)
+                told = here
+            if key[begin] >= 0:
+                self._pass(begin, end)
+            else:
+                self._between(begin, end)
+        return Blocks(np.concatenate(self._parts), self._commands)
+
+    def _announce(self, item: int, operation: int) -> None:
+        of_operation = self._items["operation"] == operation
+        tool = int(self._items["tool"][of_operation][-1])
+        self._say(item, Command(Say.COMMENT, text=operation_text(operation, self._job.posted[operation], tool)))
+
+    def _between(self, begin: int, end: int) -> None:
+        """Commands and positioning, which belong to no pass."""
+        for item in range(begin, end):
+            self._schedule(item, self._entries.get(item, []))
+            row = self._items[item]
+            if row["command"] >= 0:
+                self._tape_command(item)
+                continue
+            block = self._row(item)
+            rotary = [joint.column for joint in self._job.chain.rotary]
+            stands = np.abs(row["joints"] - self._starts[item])[rotary].max() <= _STANDS
+            is_machine = row["move"] == Move.RAPID and self._control.takes_machine_moves
+            if is_machine and stands and self._was_dark:
+                lift = block.copy()
+                lift["what"] = What.RAPID
+                self._parts.append(lift)
+                block["time_s"] = 0.0
+            self._was_dark = False
+            block["what"] = What.MACHINE if is_machine else What.RAPID if row["move"] == Move.RAPID else What.LINE
+            way = (
+                float(np.linalg.norm(self._tip(item, self._starts[item]) - block["tip"][0]))
+                if stands
+                else float(row["way"])
+            )
+            block["feed_mm_min"] = 60.0 * way / max(float(row["time_s"]), 1e-9)
+            self._parts.append(block)
+
+    def _pass(self, begin: int, end: int) -> None:
+        """The blocks of one pass, cut where set-points change or something is said."""
+        items, job = self._items, self._job
+        number, index = int(items["operation"][begin]), int(items["pass_"][begin])
+        operation = job.posted[number]
+        curve = PassCurve(operation.passes[index], job.frame.matrix, f"pass {index} of operation {number}")
+        moves = begin + np.flatnonzero(items["command"][begin:end] < 0)
+        if moves.size == 0:
+            for item in range(begin, end):
+                self._schedule(item, self._entries.get(item, []))
+                self._tape_command(item)
+            return
+        said = self._said(begin, end, curve)
+        arcs = np.concatenate([items["arc_start_mm"][moves[:1]], items["arc_end_mm"][moves]])
+        first, last = float(arcs[0]), float(arcs[-1])
+        cuts = [
+            arc for arc in (*said, *curve.set_point_arcs.tolist()) if first + _SAME_ARC_MM < arc < last - _SAME_ARC_MM
+        ]
+        edges = _distinct(np.array([first, *sorted(cuts), last]))
+        clock = np.concatenate([[0.0], np.cumsum(job.times[moves])])
+        joints = np.vstack([self._starts[moves[0]], items["joints"][moves]])
+        emits = operation.process.is_deposit and not curve.source.is_link
+        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            item = int(moves[np.searchsorted(arcs[1:], start + _SAME_ARC_MM).clip(0, len(moves) - 1)])
+            row = int(np.searchsorted(curve.set_point_arcs, start + _SAME_ARC_MM, side="right")) - 1
+            _, feed, laser_w, _, _ = curve.source.setpoints[row].tolist()
+            if emits and laser_w > 0.0 and laser_w != self._laser_w:
+                self._say(item, Command(Say.LEVEL, laser_w, channel=Channel.LASER_W))
+                self._laser_w = laser_w
+            self._flush(said, start)
+            blocks = self._stretch(curve, (start, stop), (first, last), 60.0 * feed)
+            self._placed_on_tape(blocks, item, arcs, clock, joints)
+        self._flush(said, last)
+
+    def _stretch(
+        self, curve: PassCurve, arcs: tuple[float, float], whole: tuple[float, float], feed: float
+    ) -> NDArray[np.void]:
+        """Blocks of the pass between two arc lengths; whole : those where the pass begins and ends on the tape."""
+        low, high = curve.source.tip.domain
+        start, end = curve.at_arc_length(np.array(arcs)).tolist()
+        start = low if arcs[0] == whole[0] and arcs[0] <= _SAME_ARC_MM else start
+        end = high if arcs[1] == whole[1] and curve.length_mm - arcs[1] <= _SAME_ARC_MM else end
+        cell, frame = self._job.cell, self._job.frame
+        made: list[Spline] = []
+        if not curve.source.rapid:
+            made = splines(curve, start, end, frame, self._control, cell.chord_tolerance_mm)
+        if made:
+            return np.concatenate([_spline_blocks(item, curve, feed) for item in made])
+        at = straight(curve, start, end, cell.chord_tolerance_mm, cell.axis_tolerance_deg)
+        blocks = np.zeros(len(at) - 1, BLOCK_DTYPE)
+        blocks["what"] = What.RAPID if curve.source.rapid else What.LINE
+        tips, axes, reached = curve.tips(at), curve.axes(at), curve.arc_length(at)
+        blocks["tip"] = blocks["tip_end"] = tips[1:]
+        blocks["axis"] = blocks["axis_end"] = axes[1:]
+        blocks["arc_start_mm"], blocks["arc_end_mm"] = reached[:-1], reached[1:]
+        blocks["feed_mm_min"] = feed
+        return blocks
+
+    def _placed_on_tape(self, blocks: NDArray[np.void], item: int, arcs: Floats, clock: Floats, joints: Floats) -> None:
+        source = self._items[item]
+        for name in ("kind", "layer", "operation", "pass_", "tool"):
+            blocks[name] = source[name]
+        blocks["command"], blocks["item"] = -1, item
+        self._was_dark = False
+        ends = blocks["arc_end_mm"]
+        blocks["time_s"] = np.interp(ends, arcs, clock) - np.interp(blocks["arc_start_mm"], arcs, clock)
+        for column in range(joints.shape[1]):
+            blocks["joints"][:, column] = np.interp(ends, arcs, joints[:, column])
+        self._parts.append(blocks)
+
+    def _said(self, begin: int, end: int, curve: PassCurve) -> _Said:
+        """What the tape says within a pass, by arc length. Levels that only follow the speed between set-points are left to the control."""
+        items = self._items
+        found: _Said = {}
+        arc = float(items["arc_start_mm"][begin + int(np.argmax(items["command"][begin:end] < 0))])
+        for item in range(begin, end):
+            is_command = items["command"][item] >= 0
+            if not is_command:
+                arc = float(items["arc_start_mm"][item])
+            entries = self._entries.get(item, [])
+            known = float(np.abs(curve.set_point_arcs - arc).min()) <= 1e-3 or item == begin
+            kept = [entry for entry in entries if known or entry.channel in (Channel.MODE, Channel.EMISSION)]
+            if is_command:
+                arc = self._next_arc(item, end)
+            if kept or is_command:
+                found.setdefault(arc, []).append((item, meaning(self._text(item)) if is_command else None, kept))
+        return found
+
+    def _next_arc(self, item: int, end: int) -> float:
+        after = np.flatnonzero(self._items["command"][item:end] < 0)
+        if after.size:
+            return float(self._items["arc_start_mm"][item + int(after[0])])
+        return float(self._items["arc_end_mm"][self._items["command"][:end] < 0][-1])
+
+    def _flush(self, said: _Said, arc: float) -> None:
+        for at in [at for at in said if at <= arc + _SAME_ARC_MM]:
+            for item, command, entries in said.pop(at):
+                self._schedule(item, entries)
+                if command is not None:
+                    self._say(item, command)
+
+    def _schedule(self, item: int, entries: list[Entry]) -> None:
+        for entry in entries:
+            if entry.channel == Channel.EMISSION:
+                self._say(item, Command(Say.GATE, entry.value))
+            elif entry.channel == Channel.MODE:
+                self._say(item, Command(Say.MODE, entry.value))
+                self._laser_w = None
+            elif entry.channel != Channel.LASER_W:
+                self._say(item, Command(Say.LEVEL, entry.value, channel=entry.channel))
+
+    def _tape_command(self, item: int) -> None:
+        if item in self._job.tape.dwells:
+            if self._job.dwells.get(item, 0.0) > 0.0:
+                self._say(item, Command(Say.DWELL, self._job.dwells[item]))
+            return
+        command = meaning(self._text(item))
+        if command is not None:
+            self._say(item, command)
+
+    def _text(self, item: int) -> str:
+        return self._job.tape.commands[int(self._items["command"][item])]
+
+    def _say(self, item: int, command: Command) -> None:
+        row = self._row(item)
+        row["what"], row["command"] = What.COMMAND, len(self._commands)
+        if self._items["command"][item] < 0:  # said before the move: the machine stands where it began
+            row["joints"] = self._starts[item]
+            row["time_s"] = 0.0
+            self._set_tip(row, item, self._starts[item])
+            row["arc_end_mm"] = row["arc_start_mm"]
+        self._was_dark = self._was_dark or (command.say == Say.GATE and command.value == 0.0)
+        self._commands.append(command)
+        self._parts.append(row)
+
+    def _row(self, item: int) -> NDArray[np.void]:
+        source, row = self._items[item], np.zeros(1, BLOCK_DTYPE)
+        for name in ("kind", "layer", "operation", "pass_", "tool", "arc_start_mm", "arc_end_mm", "joints"):
+            row[name] = source[name]
+        row["command"], row["item"] = -1, item
+        row["time_s"] = self._job.times[item]
+        self._set_tip(row, item, source["joints"])
+        return row
+
+    def _set_tip(self, row: NDArray[np.void], item: int, joints: Floats) -> None:
+        tool_tip = self._tips.get(int(self._items["tool"][item]), np.zeros(3))
+        tip, axis = self._job.chain.forward(np.asarray(joints, dtype=np.float64)[None, :], tool_tip)
+        shift: Floats = self._job.placed[:3, 3] - self._job.frame.shift
+        row["tip"] = row["tip_end"] = tip - shift
+        row["axis"] = row["axis_end"] = axis
+
+    def _tip(self, item: int, joints: Floats) -> Floats:
+        row = np.zeros(1, BLOCK_DTYPE)
+        self._set_tip(row, item, joints)
+        return np.asarray(row["tip"][0], dtype=np.float64)
+
+
+def _distinct(arcs: Floats) -> Floats:
+    return arcs[np.append(True, np.diff(arcs) > _SAME_ARC_MM)]
+
+
+def _spline_blocks(item: Spline, curve: PassCurve, feed: float) -> NDArray[np.void]:
+    """START and POLE blocks of one NURBS; block i ends, on the curve, at knot p + i."""
+    blocks = np.zeros(len(item.poles), BLOCK_DTYPE)
+    p, count = item.degree, len(item.poles)
+    at = item.knots[np.minimum(np.arange(count) + p, count)]
+    tips, axes, reached = curve.tips(at), curve.axes(at), curve.arc_length(at)
+    blocks["what"] = What.POLE
+    blocks["what"][0] = What.START
+    blocks["tip"], blocks["axis"] = item.poles, item.axes
+    blocks["tip_end"], blocks["axis_end"] = tips, axes
+    blocks["arc_end_mm"] = reached
+    blocks["arc_start_mm"] = np.append(reached[0], reached[:-1])
+    blocks["feed_mm_min"], blocks["weight"], blocks["degree"] = feed, item.weights, p
+    blocks["turns"] = not item.is_axis_constant
+    scale = (reached[-1] - reached[0]) / (item.knots[-1] - item.knots[0])
+    knots = np.round((at - item.knots[0]) * scale, _PARAMETER_DIGITS)
+    blocks["span"] = np.diff(knots, prepend=0.0)
+    return blocks
