@@ -177,6 +177,18 @@ class Limits(Facts):
     hopper_low_fraction: NotNegative = Field(0.05, lt=1.0)
 
 
+class Response(Facts):
+    """How soon machine and process devices follow, measured at the cell: predicted times and set-points that follow the speed rest on it."""
+
+    tool_change_s: NotNegative = 4.0
+    spindle_rpm_per_s: Positive = Field(9000.0, description="by which the spindle speeds up")
+    head_slide_s: NotNegative = Field(1.0, description="to deploy or to park the deposition head")
+    laser_write_s: Positive = Field(0.02, description="least time between two writes of the laser's power over its link")
+    powder_delay_s: NotNegative = Field(1.2, description="from a new powder rate to its first change at the nozzle")
+    powder_settle_s: Positive = Field(0.6, description="time constant of the powder flow behind the delay")
+    gas_settle_s: Positive = Field(0.15, description="time constant of the gas flows")
+
+
 class Service(Facts):
     """Where the service listens. Loopback by default."""
 
@@ -212,6 +224,7 @@ class Cell(Facts):
     placement: Placement = Placement()
     plate: Plate = Plate()
     limits: Limits = Limits()
+    response: Response = Response()
     service: Service = Service()
     simulation: Simulation = Simulation()
     machine: MachineGeometry | None = Field(None, description="none: no collisions are looked for")
