@@ -1,7 +1,8 @@
-"""Tape to Program: rounding, dwells, predicted times, line table, schedule and text."""
+"""Tape to Program: rounding, dwells, what the dialect and the macros add, predicted times, line table, schedule and text."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,20 @@ from numpy.typing import NDArray
 from config.cell import Cell
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.timing import predicted_times
-from planner.post import grblhal
+from planner.plan import Operation
+from planner.post.blocks import Script, inverse_time
+from planner.post.dialect import JointDialect
+from planner.post.draft import Draft
+from planner.post.header import About, header_texts, operation_text, remark
+from planner.post.macros import MacroBook
 from planner.post.tape import Move, Tape, schedule_of
-from planner.program import LINE_DTYPE
+from planner.post.words import Words, decimal
+from planner.program import LINE_DTYPE, Channel
 
 Ints = NDArray[np.int64]
 
 _LEAST_DWELL_S = 0.01
+_POWER_DECIMALS = 2  # of a watt
 
 
 @dataclass(frozen=True)
@@ -30,58 +38,90 @@ class Assembly:
     duration_s: float
 
 
-def assemble(tape: Tape, cell: Cell, chain: Chain, placed: Floats, work_offset: Floats, layer_count: int) -> Assembly:
+@dataclass(frozen=True)
+class Setting:
+    """What a tape is assembled for.
+
+    cell : fitted to the dialect   placed : (4, 4) float, table from build   work_offset : (5,) float
+    posted : the operations as they are run, by number
+    """
+
+    cell: Cell
+    chain: Chain
+    placed: Floats
+    work_offset: Floats
+    about: About
+    posted: Mapping[int, Operation]
+    dialect: JointDialect
+
+
+def assemble(tape: Tape, setting: Setting) -> Assembly:
     """Text and tables of a tape that began at the cell's home position.
 
-    placed : (4, 4) float, table from build   work_offset : (5,) float
     Moves that rounding leaves without motion become part of the next line of their pass; dwells that have nothing to wait for are left out.
     """
-    words = grblhal.Words.of(cell, work_offset)
-    items, item_index = _moving(tape.items(), words)
-    texts = _texts(tape, items)
+    cell = setting.cell
+    words = Words.of(cell, setting.work_offset)
+    draft = Draft.of(tape, words)
     start = np.array([axis.home for axis in cell.axes])
     acceleration = np.array([axis.max_acceleration for axis in cell.axes])
     if tape.dwells:
-        times = _times(items, start, acceleration)
-        is_kept = _dwell(tape, items, item_index, times, texts)
-        items, item_index = items[is_kept], item_index[is_kept]
-        texts = [text for text, kept in zip(texts, is_kept.tolist(), strict=True) if kept]
+        draft = _dwelt(tape, draft, _times(draft.items, start, acceleration))
+    entries = tape.entries
+    if cell.cnc.power_output is not None:
+        for entry in entries:
+            if entry.channel == Channel.LASER_W:
+                draft.add(entry.item, _power_text(cell.cnc.power_output, entry.value))
+        entries = [entry for entry in entries if entry.channel != Channel.LASER_W]
+    _remark_operations(draft, setting)
+    header = _header(draft, setting, 0.0)
+    for text in header:
+        draft.add_first(text)
+    book = MacroBook(cell, setting.dialect.NAME, setting.dialect.MACROS, setting.dialect.values(cell))
+    draft = draft.completed(book)
+    items = draft.items
     times = _times(items, start, acceleration)
-    counts = np.vstack([words.counts(start[None, :]), words.counts(items["joints"])])
-    is_rotary = np.array([axis.kind == "rotary" for axis in cell.axes])
-    by_time = grblhal.inverse_time(counts, is_rotary, items["move"], items["chunk"].astype(np.int64))
-    script = grblhal.Script(counts, items["move"], by_time, items["time_s"], items["way"], items["named"], texts)
-    lines = grblhal.write(words, script, cell.cnc.line_length_max)
-    table = _table(items, times, cell, chain, placed)
-    line_of_item = np.searchsorted(item_index, np.arange(tape.count)).clip(0, len(items) - 1)
-    starts = np.searchsorted(np.maximum.accumulate(items["layer"]), np.arange(layer_count))
+    for line, text in enumerate(_header(draft, setting, float(times.sum()))):
+        draft.texts[line] = text
+    lines = _lines(draft, words, setting, start)
+    layers = len(setting.about.plan.layers)
+    starts = np.searchsorted(np.maximum.accumulate(items["layer"]), np.arange(layers))
     layer_starts = np.append(starts, len(items)).astype(np.int64)
-    return Assembly(lines, table, schedule_of(tape.entries, line_of_item), layer_starts, float(times.sum()))
+    schedule = schedule_of(entries, draft.line_of_item(tape.count))
+    return Assembly(lines, _table(items, times, setting), schedule, layer_starts, float(times.sum()))
 
 
-def _moving(items: NDArray[np.void], words: grblhal.Words) -> tuple[NDArray[np.void], Ints]:
-    """Items with rounded joints, without moves that do not move; and which item each was."""
-    counts = words.counts(items["joints"])
-    items = items.copy()
-    items["joints"] = words.joints(counts)
-    moves = np.append(True, np.any(np.diff(counts, axis=0) != 0, axis=1))
-    is_kept = moves | (items["move"] == Move.NONE) | (items["named"] != 0)
-    dropped = np.flatnonzero(~is_kept)
-    for i in dropped:  # the line before it, of the same pass, stands for its arc length too
-        before = i - 1
-        while before >= 0 and not is_kept[before]:
-            before -= 1
-        if before >= 0 and items[before]["chunk"] == items[i]["chunk"]:
-            items[before]["arc_end_mm"] = items[i]["arc_end_mm"]
-            items[before]["time_s"] += items[i]["time_s"]
-            items[before]["way"] += items[i]["way"]
-        elif i + 1 < len(items) and items[i + 1]["chunk"] == items[i]["chunk"]:
-            items[i + 1]["arc_start_mm"] = items[i]["arc_start_mm"]
-    return items[is_kept], np.flatnonzero(is_kept)
+def _lines(draft: Draft, words: Words, setting: Setting, start: Floats) -> tuple[str, ...]:
+    items = draft.items
+    counts = np.vstack([words.counts(start[None, :]), words.counts(items["joints"])])
+    is_rotary = np.array([axis.kind == "rotary" for axis in setting.cell.axes])
+    by_time = inverse_time(counts, is_rotary, items["move"], items["chunk"].astype(np.int64))
+    script = Script(
+        counts, items["move"], by_time, items["time_s"], items["way"], items["named"], items["bulge"], draft.texts
+    )
+    return setting.dialect.write(words, script, setting.cell.cnc.line_length_max)
 
 
-def _texts(tape: Tape, items: NDArray[np.void]) -> list[str | None]:
-    return [tape.commands[index] if index >= 0 else None for index in items["command"].tolist()]
+def _power_text(output: int, watts: float) -> str:
+    return f"M67 E{output} Q{decimal(round(watts * 10**_POWER_DECIMALS), _POWER_DECIMALS)}"
+
+
+def _header(draft: Draft, setting: Setting, duration_s: float) -> list[str]:
+    if not setting.cell.cnc.takes_comments:
+        return []
+    joints = draft.items["joints"]
+    return [remark(text) for text in header_texts(setting.about, joints.min(axis=0), joints.max(axis=0), duration_s)]
+
+
+def _remark_operations(draft: Draft, setting: Setting) -> None:
+    """A line before the first item of each operation."""
+    if not setting.cell.cnc.takes_comments:
+        return
+    number = draft.items["operation"]
+    for row in np.flatnonzero((np.diff(number, prepend=-1) != 0) & (number >= 0)):
+        operation = setting.posted[int(number[row])]
+        tool = int(draft.items["tool"][number == number[row]][-1])
+        draft.add_remark(int(row), remark(operation_text(int(number[row]), operation, tool)))
 
 
 def _times(items: NDArray[np.void], start: Floats, acceleration: Floats) -> Floats:
@@ -93,40 +133,38 @@ def _times(items: NDArray[np.void], start: Floats, acceleration: Floats) -> Floa
 def _before_motion(stops: NDArray[np.bool_], move: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Standing carried on over lines without motion to the next motion."""
     result = stops.copy()
-    for i in np.flatnonzero(stops & (move == Move.NONE)):
-        if i + 1 < len(result):
+    for i in np.flatnonzero(move == Move.NONE):
+        if result[i] and i + 1 < len(result):
             result[i + 1] = True
     return result
 
 
-def _dwell(
-    tape: Tape, items: NDArray[np.void], item_index: Ints, times: Floats, texts: list[str | None]
-) -> NDArray[np.bool_]:
-    """Fill in the dwells' text and time; (n,) bool: all items but the dwells that have nothing to wait for."""
-    is_kept = np.ones(len(items), dtype=np.bool_)
+def _dwelt(tape: Tape, draft: Draft, times: Floats) -> Draft:
+    """The draft with the dwells' text and time, without those that have nothing to wait for."""
+    is_kept = np.ones(len(draft.items), dtype=np.bool_)
     starts = np.append(0.0, np.cumsum(times))
     waited = 0.0
     waited_before: dict[int, float] = {}
     marks = sorted({since for _, since in tape.dwells.values()} | set(tape.dwells))
     for item in marks:
-        line = int(np.searchsorted(item_index, item))
+        line = int(np.searchsorted(draft.keys, item))
         waited_before[item] = waited
         if item not in tape.dwells:
             continue
         least_s, since = tape.dwells[item]
-        begun = starts[int(np.searchsorted(item_index, since))] + waited_before[since]
+        begun = starts[int(np.searchsorted(draft.keys, since))] + waited_before[since]
         rest = least_s - (starts[line] + waited - begun)
         if rest < _LEAST_DWELL_S:
             is_kept[line] = False
             continue
         hundredths = int(np.ceil(rest * 100.0))
-        texts[line] = f"G4 P{grblhal.decimal(hundredths, 2)}"
-        items["time_s"][line] = hundredths / 100.0
+        draft.texts[line] = f"G4 P{decimal(hundredths, 2)}"
+        draft.items["time_s"][line] = hundredths / 100.0
         waited += hundredths / 100.0
-    return is_kept
+    return draft.only(is_kept)
 
 
-def _table(items: NDArray[np.void], times: Floats, cell: Cell, chain: Chain, placed: Floats) -> NDArray[np.void]:
+def _table(items: NDArray[np.void], times: Floats, setting: Setting) -> NDArray[np.void]:
     table = np.zeros(len(items), LINE_DTYPE)
     table["n"] = np.arange(1, len(items) + 1)
     for name in ("kind", "layer", "operation", "pass_", "arc_start_mm", "arc_end_mm", "bulge"):
@@ -135,11 +173,11 @@ def _table(items: NDArray[np.void], times: Floats, cell: Cell, chain: Chain, pla
     table["time_end_s"] = ends
     table["time_start_s"] = np.append(0.0, ends[:-1])[: len(items)]
     table["joints_end"] = items["joints"]
-    build_from_table = np.linalg.inv(placed)
+    build_from_table = np.linalg.inv(setting.placed)
     for number in np.unique(items["tool"]):
         of_tool = items["tool"] == number
-        tool_tip = next((np.array(tool.tip_mm) for tool in cell.tools if tool.number == number), np.zeros(3))
-        tip, axis = chain.forward(items["joints"][of_tool], tool_tip)
+        tool_tip = next((np.array(tool.tip_mm) for tool in setting.cell.tools if tool.number == number), np.zeros(3))
+        tip, axis = setting.chain.forward(items["joints"][of_tool], tool_tip)
         table["tip_end"][of_tool] = tip @ build_from_table[:3, :3].T + build_from_table[:3, 3]
         table["axis_end"][of_tool] = axis @ build_from_table[:3, :3].T
     return table

@@ -13,7 +13,9 @@ from planner.errors import PostError
 from planner.files.plan_file import plan_sha256
 from planner.kinematics.chain import Chain
 from planner.plan import Plan
-from planner.post.assemble import assemble
+from planner.post.assemble import Assembly, Setting, assemble
+from planner.post.dialect import DIALECTS, check_dialect, joint_dialect
+from planner.post.header import About
 from planner.post.reread import RereadReport, check, verify
 from planner.post.room import check_room, table_from_build
 from planner.post.sequence import Counts, Sequencer
@@ -21,8 +23,6 @@ from planner.post.tools import tool_for
 from planner.process import block_allowance_mm
 from planner.program import Program
 from planner.recipe import parse_recipe
-
-DIALECTS = ("grblhal",)
 
 
 @dataclass(frozen=True)
@@ -58,26 +58,30 @@ def post_with_report(
     Raises PostError (TravelLimitError, ReachError): no such tool, the part does not fit, an axis would leave its travel,
     no pose gives an axis, or the text read back differs from the Plan.
     """
-    if dialect not in DIALECTS:
-        raise PostError(f"no dialect {dialect!r}", f"there is: {', '.join(DIALECTS)}")
+    check_dialect(dialect)
     if not any(operation.passes for operation in plan.operations):
         raise PostError(f"the plan of {plan.part_name} has no passes: there is nothing to run", "plan the part again")
-    placement = placement or cell.placement
+    placement, given = placement or cell.placement, cell
+    language = joint_dialect(dialect)
+    cell = language.fitted(cell)
     chain = Chain.from_cell(cell, placement)
     placed = table_from_build(placement.part_origin_mm, placement.rotation_deg)
-    used = {tool.number: tool for tool in (tool_for(item, cell) for item in plan.operations if item.passes)}
-    check_room(plan, cell, chain, placed, list(used.values()))
+    planned = [tool_for(item, cell) for item in plan.operations if item.passes]
+    check_room(plan, cell, chain, placed, list({tool.number: tool for tool in planned}.values()))
     sequencer = Sequencer(plan, cell, chain, placed, _carrier_gas_l_min(plan))
     tape = sequencer.run()
+    used = sorted({int(number) for number in tape.items()["tool"]} - {0})
     work_offset = np.array([placement.work_offset.get(letter, 0.0) for letter in cell.letters])
-    made = assemble(tape, cell, chain, placed, work_offset, len(plan.layers))
+    tools = [tool for tool in cell.tools if tool.number in used]
+    about = About(plan, plan_sha256(plan), cell, placement, dialect, tools, language.remarks(cell))
+    made = assemble(tape, Setting(cell, chain, placed, work_offset, about, sequencer.posted, language))
     program = Program(
         part_name=plan.part_name,
         cell_name=cell.name,
         dialect=dialect,
-        plan_sha256=plan_sha256(plan),
+        plan_sha256=about.plan_sha256,
         mesh_sha256=plan.mesh_sha256,
-        cell_sha256=cell.sha256,
+        cell_sha256=given.sha256,
         tolerance_mm=plan.tolerance_mm,
         process=plan.process,
         material=plan.material,
@@ -90,11 +94,11 @@ def post_with_report(
         build_from_part=np.asarray(plan.build_from_part, dtype=np.float64),
         work_offset=work_offset,
         gate=sequencer.state.gate,
-        tools=tuple(sorted(used)),
+        tools=tuple(used),
         duration_s=made.duration_s,
         stock_allowance_mm=block_allowance_mm(parse_recipe(plan.recipe_toml)) if plan.process == "mill" else None,
     )
-    reread = check(program, plan, cell, chain)
+    reread = check(program, plan, cell, chain, sequencer.posted)
     verify(reread, cell)
     return program, PostReport(reread, sequencer.counts)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import re
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,37 +12,20 @@ from numpy.typing import NDArray
 from config.cell import Cell
 from planner.errors import PostError
 from planner.kinematics.chain import Chain, Floats
-from planner.plan import Pass, Plan
+from planner.plan import Operation, Pass, Plan
+from planner.post.dialect import check_dialect, joint_dialect
 from planner.post.pass_curve import PassCurve
+from planner.post.read_blocks import Reading
 from planner.post.tools import tool_for
 from planner.program import Channel, LineKind, Program
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-_WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
 _PROBES = (0.25, 0.5, 0.75, 1.0)
 _FEED_SLACK = 0.005  # relative: the tip's speed varies a little within a move whose rotary joints turn
 _ROUNDING_SHARE = 0.4  # of the chord tolerance: what rounding of all words may add to a move
 _SAME_ARC_MM = 1e-6
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What the text says, one row per line.
-
-    joints : (n + 1, 5) float, machine coordinates before the first line and after each (NaN until an axis is named)
-    is_motion, is_rapid, gate : (n,) bool   time_s : (n,) float, at the programmed feed, 0 for rapids and lines without motion
-    tool : (n,) int   spindle_rpm : (n,) float
-    """
-
-    joints: Floats
-    is_motion: Bools
-    is_rapid: Bools
-    gate: Bools
-    time_s: Floats
-    tool: Ints
-    spindle_rpm: Floats
 
 
 @dataclass(frozen=True)
@@ -60,75 +44,35 @@ class RereadReport:
 
 
 def read(program: Program) -> Reading:
-    """Parse the text. Raises PostError with the line where it is not what this dialect writes."""
-    n = len(program.lines)
-    letters = {letter: k for k, letter in enumerate(program.axis_letters)}
-    joints = np.full((n + 1, len(letters)), np.nan)
-    flags = np.zeros((n, 3), dtype=np.bool_)
-    numbers = np.zeros((n, 3))
-    motion, by_time, feed, gate, tool, rpm = -1, False, 0.0, False, 0, 0.0
-    here = joints[0].copy()
-    for i, line in enumerate(program.lines):
-        words = _WORD.findall(line)
-        if (
-            "".join(f"{letter}{value}" for letter, value in words) != line.replace(" ", "")
-            or not words
-            or words[0] != ("N", str(i + 1))
-        ):
-            raise PostError(f"line {i + 1} cannot be read back: {line!r}", "report this program")
-        moved, fresh_feed, tool_word, dwell = False, False, None, False
-        before = here.copy()
-        for letter, text in words[1:]:
-            value = float(text)
-            if letter in letters:
-                here[letters[letter]] = value + program.work_offset[letters[letter]]
-                moved = True
-            elif letter == "G":
-                motion = int(value) if value in (0, 1) else motion
-                if value in (93, 94):
-                    feed = 0.0 if by_time != (value == 93) else feed
-                    by_time = value == 93
-                dwell = value == 4
-            elif letter == "F":
-                feed, fresh_feed = value, True
-            elif letter == "T":
-                tool_word = int(value)
-            elif letter == "S":
-                rpm = value
-            elif letter == "M" and value in (62, 63):
-                gate = value == 62
-            elif letter == "M" and value in (5, 6):
-                rpm = 0.0 if value == 5 else rpm
-        tool = tool if tool_word is None else tool_word
-        joints[i + 1] = here
-        flags[i] = moved and not dwell, moved and motion == 0, gate
-        if moved and motion == 1:
-            if feed <= 0.0 or (by_time and not fresh_feed):
-                raise PostError(f"line {i + 1} has no feed: {line!r}", "report this program")
-            numbers[i, 0] = 60.0 / feed if by_time else 60.0 * float(np.linalg.norm(here - before)) / feed
-        numbers[i, 1:] = tool, rpm
-    return Reading(
-        joints, flags[:, 0], flags[:, 1], flags[:, 2], numbers[:, 0], numbers[:, 1].astype(np.int64), numbers[:, 2]
-    )
+    """Parse the text of a program in joint coordinates. Raises PostError with the line where it is not what its dialect writes."""
+    check_dialect(program.dialect)
+    return joint_dialect(program.dialect).read(program)
 
 
-def check(program: Program, plan: Plan, cell: Cell, chain: Chain | None = None) -> RereadReport:
+def check(
+    program: Program,
+    plan: Plan,
+    cell: Cell,
+    chain: Chain | None = None,
+    posted: Mapping[int, Operation] | None = None,
+) -> RereadReport:
     """Compare the Program's text with the Plan it was posted from, at quarters of every move.
 
-    chain : that of the placement (default: of the cell's own). Raises PostError if the text cannot be read.
+    cell : fitted to the dialect   chain : that of the placement (default: of the cell's own)
+    posted : the operations as they are run, by number (default: as planned). Raises PostError if the text cannot be read.
     """
     chain = chain or Chain.from_cell(cell)
     reading = read(program)
     rounding_mm = _ROUNDING_SHARE * cell.chord_tolerance_mm
     table = program.table
-    levels = _levels(program)
+    levels = _levels(program, reading)
     worst = np.zeros(3)
     faults: list[str] = []
     moving = np.flatnonzero(reading.is_motion & (table["pass_"] >= 0))
     key = table["operation"][moving].astype(np.int64) * (1 << 31) + table["pass_"][moving]
     groups = np.split(np.arange(len(moving)), np.flatnonzero(np.diff(key)) + 1) if moving.size else []
     paths = _paths(chain, reading, moving, {tool.number: np.array(tool.tip_mm) for tool in cell.tools})
-    operations = plan.operations
+    operations = dict(enumerate(plan.operations)) | dict(posted or {})
     for group in groups:
         lines = moving[group]
         number, index = int(table["operation"][lines[0]]), int(table["pass_"][lines[0]])
@@ -152,8 +96,7 @@ def check(program: Program, plan: Plan, cell: Cell, chain: Chain | None = None) 
 def _paths(chain: Chain, reading: Reading, moving: Ints, tool_tips: dict[int, Floats]) -> tuple[Floats, Floats]:
     """True tips and axes, (5, k, 3) each, at the start and the quarters of the moving lines (k,), table frame."""
     shares = np.array((0.0, *_PROBES))
-    before, after = reading.joints[moving], reading.joints[moving + 1]
-    joints = before + shares[:, None, None] * (after - before)
+    joints = np.stack([reading.at(moving, share) for share in shares.tolist()])
     tips, axes = np.empty((len(shares), len(moving), 3)), np.empty((len(shares), len(moving), 3))
     for number in np.unique(reading.tool[moving]):
         of_tool, tool_tip = np.flatnonzero(reading.tool[moving] == number), tool_tips[int(number)]
@@ -198,13 +141,15 @@ def _feed_ratio(
     return float(np.max((way - rounding_mm) / (np.maximum(reading.time_s[lines], 1e-9) * item.setpoints[row, 1])))
 
 
-def _levels(program: Program) -> Floats:
-    """(n, channels) float: what the schedule has set when each line begins."""
+def _levels(program: Program, reading: Reading) -> Floats:
+    """(n, channels) float: what the schedule, and for the power the stream, has set when each line begins."""
     levels = np.zeros((len(program.lines), len(Channel)))
     for channel in Channel:
         of_channel = program.schedule[program.schedule["channel"] == channel]
         place = np.searchsorted(of_channel["n"], np.arange(1, len(program.lines) + 1), side="right")
         levels[:, channel] = np.append(0.0, of_channel["value"])[place]
+    said = ~np.isnan(reading.power_w)
+    levels[said, Channel.LASER_W] = reading.power_w[said]
     return levels
 
 

@@ -13,8 +13,8 @@ from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.limits import check_travel, excess
 from planner.kinematics.timing import axis_limited_times
 from planner.plan import Operation, Pass, Plan
-from planner.post.grblhal import HEADER
 from planner.post.linearise import LinearOperation
+from planner.post.macros import END, START
 from planner.post.pass_curve import PassCurve
 from planner.post.poses import SAME_POSE, PoseSolver
 from planner.post.positioning import Positioner
@@ -68,8 +68,7 @@ class Sequencer:
 
     def run(self) -> Tape:
         """The whole tape. Raises PostError, TravelLimitError or ReachError."""
-        for text in HEADER:
-            self.tape.command(text, Origin())
+        self.tape.command(START, Origin())
         self._positioner.retract(self.tape, Origin())
         for number, operation in enumerate(self.plan.operations):
             self._operation(number, operation)
@@ -208,7 +207,7 @@ class Sequencer:
         self._stand_clear(origin)
         end = Origin(LineKind.SETUP, layer)
         self._spin(0.0, end)
-        last = self.tape.command("M2", end, stops=True)
+        last = self.tape.command(END, end, stops=True)
         self.state.enter_mode(MODE_SAFE, last)
 
     def _check_travel(self, curves: list[PassCurve], moves: LinearOperation) -> None:

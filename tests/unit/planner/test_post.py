@@ -67,7 +67,7 @@ def test_the_text_read_back_follows_tip_axis_feed_and_set_points_of_the_plan(nam
 def test_the_deposited_circle_is_a_circle_of_its_radius_in_the_line_table(hybrid: Program) -> None:
     rows = hybrid.table[(hybrid.table["operation"] == 0) & (hybrid.table["kind"] == LineKind.PROCESS)]
     radius = np.linalg.norm(rows["tip_end"][:, :2], axis=1)
-    assert np.abs(radius - RADIUS_MM).max() < 2e-3
+    assert np.abs(radius - RADIUS_MM).max() < 0.01  # the chord tolerance: ends of straight moves lie on both sides
     assert np.allclose(rows["axis_end"], [0.0, 0.0, 1.0], atol=1e-9)
 
 
@@ -81,10 +81,7 @@ def test_a_cone_round_the_rotary_axis_is_one_turn_of_the_table_at_inverse_time(h
 
 
 def test_table_and_text_are_numbered_alike_and_arcs_and_times_run_on(hybrid: Program) -> None:
-    assert [
-        line.split("G")[0].split("M")[0].split("X")[0].split("Y")[0].split("Z")[0].split("C")[0].strip()
-        for line in hybrid.lines
-    ] == [f"N{n}" for n in hybrid.table["n"]]
+    assert [re.match(r"N\d+", line)[0] for line in hybrid.lines] == [f"N{n}" for n in hybrid.table["n"]]  # type: ignore[index]
     assert np.all(hybrid.table["time_start_s"][1:] == hybrid.table["time_end_s"][:-1])
     assert np.all(np.diff(hybrid.table["time_end_s"]) >= 0.0)
     assert hybrid.duration_s == pytest.approx(float(hybrid.table["time_end_s"][-1]))
@@ -186,7 +183,7 @@ def test_no_word_is_said_twice(hybrid: Program) -> None:
     stands: dict[str, str] = {}
     named = 0
     for line in hybrid.lines:
-        for letter, value in re.findall(r"([XYZAC])([-\d.]+)", line):
+        for letter, value in re.findall(r"([XYZAC])([-\d.]+)", line.split("(")[0]):
             named += stands.get(letter) == value
             stands[letter] = value
     assert named <= 5  # the first full position names every axis
@@ -389,8 +386,8 @@ def test_a_spindle_speed_above_the_tools_is_refused(trunnion: Cell) -> None:
 
 
 def test_an_unknown_dialect_and_an_empty_plan_are_refused(trunnion: Cell) -> None:
-    with pytest.raises(PostError, match="no dialect 'heidenhain'"):
-        post(hybrid_plan(), trunnion, dialect="heidenhain")
+    with pytest.raises(PostError, match="no dialect 'klartext'"):
+        post(hybrid_plan(), trunnion, dialect="klartext")
     with pytest.raises(PostError, match="nothing to run"):
         post(plan_of([]), trunnion)
 
