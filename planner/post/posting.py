@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,14 +11,15 @@ from config.cell import Cell, Placement
 from config.material import load_material
 from planner.errors import PostError
 from planner.files.plan_file import plan_sha256
-from planner.kinematics.chain import Chain
+from planner.kinematics.chain import Chain, Floats
 from planner.plan import Plan
 from planner.post.assemble import Assembly, Setting, assemble
-from planner.post.dialect import DIALECTS, check_dialect, joint_dialect
+from planner.post.dialect import JOINT_DIALECTS, check_dialect, joint_dialect
 from planner.post.header import About
 from planner.post.reread import RereadReport, check, verify
 from planner.post.room import check_room, table_from_build
 from planner.post.sequence import Counts, Sequencer
+from planner.post.tcp import read_back, write_tcp
 from planner.post.tools import tool_for
 from planner.process import block_allowance_mm
 from planner.program import Program
@@ -62,26 +63,41 @@ def post_with_report(
     if not any(operation.passes for operation in plan.operations):
         raise PostError(f"the plan of {plan.part_name} has no passes: there is nothing to run", "plan the part again")
     placement, given = placement or cell.placement, cell
-    language = joint_dialect(dialect)
-    cell = language.fitted(cell)
+    language = joint_dialect(dialect) if dialect in JOINT_DIALECTS else None
+    cell = language.fitted(cell) if language else cell
     chain = Chain.from_cell(cell, placement)
     placed = table_from_build(placement.part_origin_mm, placement.rotation_deg)
     planned = [tool_for(item, cell) for item in plan.operations if item.passes]
     check_room(plan, cell, chain, placed, list({tool.number: tool for tool in planned}.values()))
     sequencer = Sequencer(plan, cell, chain, placed, _carrier_gas_l_min(plan))
-    tape = sequencer.run()
-    used = sorted({int(number) for number in tape.items()["tool"]} - {0})
-    work_offset = np.array([placement.work_offset.get(letter, 0.0) for letter in cell.letters])
+    used = sorted({int(number) for number in sequencer.run().items()["tool"]} - {0})
     tools = [tool for tool in cell.tools if tool.number in used]
-    about = About(plan, plan_sha256(plan), cell, placement, dialect, tools, language.remarks(cell))
-    made = assemble(tape, Setting(cell, chain, placed, work_offset, about, sequencer.posted, language))
-    program = Program(
+    remarks = language.remarks(cell) if language else []
+    about = About(plan, plan_sha256(plan), cell, placement, dialect, tools, remarks)
+    posted = sequencer.posted
+    if language:
+        made = assemble(sequencer.tape, Setting(cell, chain, placed, _work_offset(about), about, posted, language))
+    else:
+        made = write_tcp(dialect, sequencer, placement, about)
+    program = replace(_program(made, about, placed), cell_sha256=given.sha256)
+    reread = check(program, plan, cell, chain, posted) if language else read_back(program, posted, cell, chain)
+    verify(reread, cell)
+    return program, PostReport(reread, sequencer.counts)
+
+
+def _work_offset(about: About) -> Floats:
+    return np.array([about.placement.work_offset.get(letter, 0.0) for letter in about.cell.letters])
+
+
+def _program(made: Assembly, about: About, placed: Floats) -> Program:
+    plan, cell = about.plan, about.cell
+    return Program(
         part_name=plan.part_name,
         cell_name=cell.name,
-        dialect=dialect,
+        dialect=about.dialect,
         plan_sha256=about.plan_sha256,
         mesh_sha256=plan.mesh_sha256,
-        cell_sha256=given.sha256,
+        cell_sha256=cell.sha256,
         tolerance_mm=plan.tolerance_mm,
         process=plan.process,
         material=plan.material,
@@ -92,15 +108,12 @@ def post_with_report(
         axis_letters=cell.letters,
         machine_from_build=placed,
         build_from_part=np.asarray(plan.build_from_part, dtype=np.float64),
-        work_offset=work_offset,
-        gate=sequencer.state.gate,
-        tools=tuple(used),
+        work_offset=_work_offset(about),
+        gate="modbus" if cell.cnc.laser_gate_output is None else "stream",
+        tools=tuple(tool.number for tool in about.tools),
         duration_s=made.duration_s,
         stock_allowance_mm=block_allowance_mm(parse_recipe(plan.recipe_toml)) if plan.process == "mill" else None,
     )
-    reread = check(program, plan, cell, chain, sequencer.posted)
-    verify(reread, cell)
-    return program, PostReport(reread, sequencer.counts)
 
 
 def _carrier_gas_l_min(plan: Plan) -> float:
