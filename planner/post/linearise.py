@@ -3,40 +3,65 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from planner.errors import ReachError
 from planner.kinematics.chain import Chain, Floats
 from planner.post.pass_curve import PassCurve
 from planner.post.poses import Poses, PoseSolver, Rows
+from planner.post.tube import Tube, straight_moves, tube_about
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-# How the tolerance is shared out: samples of the curve, samples of moves with rotary motion, moves merged; words rounded take the rest.
+# How the tolerance is shared out: samples of the curve, samples of moves with rotary motion, moves; words rounded take the rest.
 _SAMPLE_SHARE = 0.05
-_MOTION_SHARE = 0.35
-_MERGE_SHARE = 0.8
-_MERGE_SHARE_TURNING = 0.5
+_MOTION_SHARE = 0.12
+_MOVE_SHARE = 0.82
+_MOVE_SHARE_TURNING = 0.74
+_OVER = 1.03  # of a move's share: what its measured error may be before a vertex is put in
 _PROBES = (0.25, 0.5, 0.75)  # of a move, where its true path is compared with the pass
 _MAX_HALVINGS = 26  # 2^-26 of a span of the curve: a pose that still jumps there jumps
-_MERGE_PROBES = 24  # rows looked at in a long merged move: it is smooth, and the written text is read back all along
+_MAX_PINNINGS = 12
 _STANDS_DEG = 1e-7  # rotary motion below it moves the tip by less than a rounding error
 
 
 @dataclass(frozen=True)
-class LinearOperation:
-    """Rows that the machine goes through in straight joint moves.
+class Sampled:
+    """What moves are made from: samples between which the machine's straight way is the pass, and the tube about them.
 
-    rows : those that are kept   poses : of the same rows
+    rows : tip, axis, arc length of the passes   budget : (n, 2) float, mm and deg, that moves may be off there
+    tip_share_mm, axis_share_deg : what the samples themselves are off
+    """
+
+    rows: Rows
+    tube: Tube
+    budget: Floats
+    chain: Chain
+    tool_tip_mm: Floats
+    tip_share_mm: float
+    axis_share_deg: float
+
+
+@dataclass(frozen=True)
+class LinearOperation:
+    """Rows that the machine goes through in straight joint moves, or in arcs.
+
+    rows : ends of the moves, where the tip and the axis really are there   poses : of the same rows
+    sampled : the passes themselves, none if these moves do not come from there
+    bulge : (n,) float, of the move that leads to each row: tan(sweep / 4) of an arc of X and Y, 0: straight; none: all straight
+    tip_mm, axis_deg : largest distance from the passes by construction, words not rounded yet
     """
 
     rows: Rows
     poses: Poses
+    sampled: Sampled | None = field(default=None, repr=False)
+    bulge: Floats | None = None
+    tip_mm: float = 0.0
+    axis_deg: float = 0.0
 
 
 @dataclass
@@ -60,10 +85,32 @@ def linearise(
     """Straight joint moves for the passes of one operation with one tool.
 
     start : (5,) float, joints where the machine stands
-    The true tip path between two rows (joints move linearly, the tip does not) is measured on the forward kinematics and
-    halved until it and the axis are within their share of the tolerance; then moves are merged as far as the rest allows.
+    The true tip path between two samples (joints move linearly, the tip does not) is measured on the forward kinematics and
+    halved until it and the axis are within their share of the tolerance; then few moves are laid through the tube that the
+    rest of the tolerance is, and measured again at every sample. Ends of passes and places of set-points are met exactly.
     Raises ReachError where the rotary joints would have to jump, or where no pose gives the axis.
     """
+    rows, poses, fixed = _sampled(curves, solver, start, tip_tolerance_mm, axis_tolerance_deg)
+    per_joint = _sensitivity(solver.chain, poses.joints, solver.tool_tip_mm)
+    is_rotary = np.isin(np.arange(5), solver.pair.columns)
+    turns = _turns(curves, solver, rows, poses)
+    tolerance = np.array([tip_tolerance_mm, axis_tolerance_deg])
+    budget = np.where(turns, _MOVE_SHARE_TURNING, _MOVE_SHARE)[:, None] * tolerance
+    tube = tube_about(poses.joints, rows.arc_mm, fixed, per_joint, is_rotary, budget)
+    share = (_MOTION_SHARE if turns.any() else _SAMPLE_SHARE) * tolerance
+    sampled = Sampled(rows, tube, budget, solver.chain, solver.tool_tip_mm, float(share[0]), float(share[1]))
+    place, joints, errors = _moves(sampled)
+    pieces = _rows_at(sampled, place, joints)
+    needs = np.zeros(len(place), dtype=np.bool_)
+    needs[pieces.is_first] = poses.needs_positioning[rows.is_first]
+    worst = errors.max(axis=0, initial=0.0) + share
+    return LinearOperation(pieces, Poses(joints, needs), sampled, None, float(worst[0]), float(worst[1]))
+
+
+def _sampled(
+    curves: Sequence[PassCurve], solver: PoseSolver, start: Floats, tip_tolerance_mm: float, axis_tolerance_deg: float
+) -> tuple[Rows, Poses, Bools]:
+    """Samples of the passes, near enough that the machine's straight way between them is the pass; which have to be met exactly."""
     places = [curve.place for curve in curves]
     samples = [_Samples.of(curve, *curve.first_parameters(_SAMPLE_SHARE * tip_tolerance_mm)) for curve in curves]
     for _ in range(_MAX_HALVINGS):
@@ -73,22 +120,86 @@ def linearise(
             curves, solver, rows, poses, _MOTION_SHARE * tip_tolerance_mm, _MOTION_SHARE * axis_tolerance_deg
         )
         if wide.size == 0:
-            break
+            return rows, poses, np.concatenate([sample.is_fixed for sample in samples])
         _halve(curves, samples, rows, wide)
-    else:
-        at = solver.pair.spin
-        letter = (solver.pair.first, solver.pair.second)[at].letter
-        raise ReachError(
-            f"axis {letter} would have to jump within {places[int(rows.pass_[wide[0]])]}",
-            "the tool axis passes a singular pose or the end of a travel: turn the part on the table (placement.rotation_deg)",
-        )
-    fixed = np.concatenate([sample.is_fixed for sample in samples])
-    per_joint = _sensitivity(solver.chain, poses.joints, solver.tool_tip_mm)
-    is_rotary = np.isin(np.arange(5), solver.pair.columns)
-    share = np.where(_turns(curves, solver, rows, poses), _MERGE_SHARE_TURNING, _MERGE_SHARE)
-    budget = share[:, None] * np.array([tip_tolerance_mm, axis_tolerance_deg])
-    kept = _merged(poses.joints, rows.arc_mm, fixed, per_joint, is_rotary, budget)
-    return LinearOperation(_only(rows, kept), Poses(poses.joints[kept], poses.needs_positioning[kept]))
+    at = solver.pair.spin
+    letter = (solver.pair.first, solver.pair.second)[at].letter
+    raise ReachError(
+        f"axis {letter} would have to jump within {places[int(rows.pass_[wide[0]])]}",
+        "the tool axis passes a singular pose or the end of a travel: turn the part on the table (placement.rotation_deg)",
+    )
+
+
+def _moves(sampled: Sampled) -> tuple[Floats, Floats, Floats]:
+    """Places (k,) and joints (k, 5) of the vertices, and errors (n, 2), mm and deg, at the samples.
+
+    Rows where a move is further off than its tube (it was laid to first order) become vertices themselves, until none is.
+    """
+    tube = sampled.tube
+    pinned = tube.pinned.copy()
+    for _ in range(_MAX_PINNINGS):
+        place, joints = straight_moves(tube, pinned)
+        errors = move_errors(sampled, place, joints)
+        over = (errors / sampled.budget).max(axis=1)
+        move = np.searchsorted(place, np.arange(len(over)), side="right")
+        worst = np.zeros(len(place) + 1)
+        np.maximum.at(worst, move, over)
+        bad = (over > _OVER) & (over == worst[move]) & ~pinned
+        if not bad.any():
+            break
+        pinned |= bad
+    return place, joints, errors
+
+
+def move_errors(sampled: Sampled, place: Floats, joints: Floats) -> Floats:
+    """(n, 2) float, mm and deg: distance of the true tip and axis of straight moves from the passes, by forward kinematics, at each sample.
+
+    place : (k,) float, rows and fractions of rows where the moves end, the first 0   joints : (k, 5) float
+    """
+    rows = sampled.rows
+    n = len(rows.arc_mm)
+    if n < 2:
+        return np.zeros((n, 2))
+    after = np.searchsorted(place, np.arange(n), side="left")
+    before = np.maximum(after - 1, 0)
+    low, high = way_at(rows.arc_mm, place[before]), way_at(rows.arc_mm, place[after])
+    gone = np.where(after > before, high - low, 0.0)
+    share = np.divide(rows.arc_mm - low, gone, out=np.ones(n), where=gone > 0.0)
+    share = np.where(place[after] == np.arange(n), 1.0, share)[:, None]
+    tip, axis = sampled.chain.forward(joints[before] + share * (joints[after] - joints[before]), sampled.tool_tip_mm)
+    return off_path(rows, tip, axis)
+
+
+def off_path(rows: Rows, tip: Floats, axis: Floats) -> Floats:
+    """(n, 2) float, mm and deg: tips (n, 3) and axes (n, 3) from the polyline of samples, beside the sample of the same row."""
+    n = len(rows.arc_mm)
+    best = np.full((n, 2), np.inf)
+    here = np.arange(n)
+    for other in (np.maximum(here - 1, 0), np.minimum(here + 1, n - 1)):
+        other = np.where(rows.pass_[other] == rows.pass_, other, here)
+        way, off = rows.tip[other] - rows.tip, tip - rows.tip
+        square = np.einsum("ij,ij->i", way, way)
+        along = np.einsum("ij,ij->i", off, way)
+        share = np.clip(np.divide(along, square, out=np.zeros(n), where=square > 0.0), 0.0, 1.0)[:, None]
+        distance = np.linalg.norm(off - share * way, axis=1)
+        turned = angle_between_deg(axis, rows.axis + share * (rows.axis[other] - rows.axis))
+        nearer = distance < best[:, 0]
+        best[nearer] = np.column_stack([distance, turned])[nearer]
+    return best
+
+
+def way_at(way_mm: Floats, place: Floats) -> Floats:
+    """(k,) mm: arc lengths at places, rows and fractions of rows."""
+    return np.asarray(np.interp(place, np.arange(len(way_mm)), way_mm))
+
+
+def _rows_at(sampled: Sampled, place: Floats, joints: Floats) -> Rows:
+    """Rows at places of the samples, with the tips and axes that the joints give."""
+    rows = sampled.rows
+    tip, axis = sampled.chain.forward(joints, sampled.tool_tip_mm)
+    at = np.floor(place).astype(np.int64)
+    parameter = way_at(rows.parameter, place)
+    return Rows(tip, axis, way_at(rows.arc_mm, place), parameter, rows.pass_[at], rows.is_rapid[at])
 
 
 def _joined(curves: Sequence[PassCurve], samples: Sequence[_Samples]) -> Rows:
@@ -100,12 +211,6 @@ def _joined(curves: Sequence[PassCurve], samples: Sequence[_Samples]) -> Rows:
         np.concatenate([sample.parameter for sample in samples]),
         np.repeat(np.arange(len(samples)), counts),
         np.repeat(np.array([curve.source.rapid for curve in curves]), counts),
-    )
-
-
-def _only(rows: Rows, kept: Bools) -> Rows:
-    return Rows(
-        rows.tip[kept], rows.axis[kept], rows.arc_mm[kept], rows.parameter[kept], rows.pass_[kept], rows.is_rapid[kept]
     )
 
 
@@ -165,48 +270,3 @@ def _sensitivity(chain: Chain, joints: Floats, tool_tip_mm: Floats) -> Floats:
 def angle_between_deg(first: Floats, second: Floats) -> Floats:
     """(n,) deg between unit vectors (n, 3), exact for small angles too."""
     return np.asarray(np.rad2deg(2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(first - second, axis=1), 0.0, 1.0))))
-
-
-@njit(cache=True)
-def _merged(joints: Floats, arc_mm: Floats, fixed: Bools, per_joint: Floats, is_rotary: Bools, budget: Floats) -> Bools:
-    """Which rows stay when each move is stretched as far as every row that it skips lies within its budget (n, 2), mm and deg, of it."""
-    n = len(joints)
-    kept = fixed.copy()
-    begin = 0
-    while begin < n - 1:
-        end = begin + 1
-        while end + 1 < n and not fixed[end]:
-            span = arc_mm[end + 1] - arc_mm[begin]
-            good = span > 0.0
-            stride = 1 + (end - begin) // _MERGE_PROBES
-            row = end
-            while good and row > begin:
-                share = (arc_mm[row] - arc_mm[begin]) / span
-                off = joints[begin] + share * (joints[end + 1] - joints[begin]) - joints[row]
-                good = _is_near(off, per_joint[row], is_rotary, budget[row])
-                row -= stride
-            if not good:
-                break
-            end += 1
-        kept[end] = True
-        begin = end
-    return kept
-
-
-@njit(cache=True)
-def _is_near(off: Floats, per_joint: Floats, is_rotary: Bools, budget: Floats) -> bool:
-    """Whether joints that are off (5,) bring tip and axis within the budget: to first order, and a bound of the second."""
-    tip2, axis2, turn, reach = 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        tip, axis = 0.0, 0.0
-        for j in range(5):
-            tip += per_joint[k, j] * off[j]
-            axis += per_joint[3 + k, j] * off[j]
-        tip2 += tip * tip
-        axis2 += axis * axis
-    for j in range(5):
-        if is_rotary[j]:
-            turn += np.deg2rad(abs(off[j]))
-            reach += np.rad2deg(np.sqrt(per_joint[0, j] ** 2 + per_joint[1, j] ** 2 + per_joint[2, j] ** 2))
-    second = 0.5 * turn * turn
-    return bool(np.sqrt(tip2) + second * reach <= budget[0] and np.sqrt(axis2) + np.rad2deg(second) <= budget[1])
