@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterable
 import tomli_w
 
 from planner.compose.assembly import assemble
+from planner.compose.gouging import gouge_findings
 from planner.compose.plate import on_plate
 from planner.decompose.direction import build_direction, build_frame
 from planner.decompose.division import divide
+from planner.decompose.pieces import Division
 from planner.mesh.mesh import Mesh, mesh_of
 from planner.plan import Layer, Plan
 from planner.process import Settings
@@ -46,6 +48,7 @@ def plan(
     settings = Settings.from_recipe(recipe)
     division, placed = on_plate(divide(body, recipe, settings), recipe)
     made = assemble(division, settings, on_layer, lambda stage, share: say(stage, _DIVIDED + (1.0 - _DIVIDED) * share))
+    gouges = _gouges(division, made.layers, body, settings)
     say("done", 1.0)
     return Plan(
         part_name=part_name,
@@ -57,13 +60,22 @@ def plan(
         build_from_part=division.build_from_part,
         bounds=body.transformed(division.build_from_part).bounds,
         layers=made.layers,
-        findings=(*findings, *found, *division.findings, *placed, *made.findings),
+        findings=(*findings, *found, *division.findings, *placed, *made.findings, *gouges),
         volumes_mm3=made.volumes_mm3,
         subcomponents=made.subcomponents,
         setups=made.setups,
         skeleton=division.skeleton,
         candidates=division.candidates,
     )
+
+
+def _gouges(division: Division, layers: tuple[Layer, ...], body: Mesh, settings: Settings) -> list[str]:
+    """What milling cuts too deep, one line each."""
+    if not settings.is_milled:
+        return []
+    part = body.transformed(division.build_from_part)
+    recipe = settings.recipe
+    return gouge_findings(division.pieces, layers, part, recipe.tolerance_mm, from_block=recipe.process == "mill")
 
 
 def recipe_text(recipe: Recipe) -> str:

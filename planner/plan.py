@@ -29,6 +29,7 @@ class Process(StrEnum):
     DEPOSIT_OVERHANG = "deposit_overhang"
     MILL_FACE = "mill_face"
     MILL_SIDE = "mill_side"
+    MILL_SCALLOP = "mill_scallop"
 
     @property
     def is_deposit(self) -> bool:

@@ -10,6 +10,7 @@ _SAME_DIAMETER_MM = 0.01
 _CUTTERS: dict[Process, tuple[str, ...]] = {
     Process.MILL_FACE: ("end_mill", "bull_nose"),
     Process.MILL_SIDE: ("end_mill", "bull_nose", "ball_mill"),
+    Process.MILL_SCALLOP: ("ball_mill",),
 }
 
 

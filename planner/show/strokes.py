@@ -30,6 +30,7 @@ _OF_PROCESS = {
     Process.DEPOSIT_OVERHANG: "overhang",
     Process.MILL_FACE: "face",
     Process.MILL_SIDE: "side",
+    Process.MILL_SCALLOP: "side",
 }
 
 

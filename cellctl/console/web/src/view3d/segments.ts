@@ -9,6 +9,7 @@ const COLOURS: Record<string, string> = {
   deposit_overhang: "path-overhang",
   mill_face: "path-face",
   mill_side: "path-side",
+  mill_scallop: "path-side",
 };
 const LOOK_AHEAD = 400; // segments: the tip is sought from where it was, forward
 const NEAR_MM = 0.6; // a tip further away from every segment is on none of them

@@ -16,6 +16,7 @@ const process: Record<string, string> = {
   deposit_overhang: "overhang deposition",
   mill_face: "facing",
   mill_side: "side milling",
+  mill_scallop: "ball milling",
 };
 
 export const words = {
