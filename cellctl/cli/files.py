@@ -125,7 +125,9 @@ def post(
     plan: Annotated[Path | None, typer.Argument(help="A plan file.")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the program.")] = Path("program"),
     cell: CellName = DEFAULT_CELL,
-    dialect: Annotated[str, typer.Option("--dialect", help="Of the G-code.")] = "grblhal",
+    dialect: Annotated[
+        str, typer.Option("--dialect", help="grblhal, linuxcnc, siemens, fanuc, heidenhain or apt.")
+    ] = "grblhal",
     selftest: Annotated[
         bool, typer.Option("--selftest", help="A probe program that checks signs and pivots of the machine.")
     ] = False,
@@ -144,21 +146,25 @@ def post(
         raise InputFault("post: no plan file", "name one, or ask for --selftest")
     from config import load_cell
     from planner.files import read_plan, write_program
-    from planner.post import post as make_program
+    from planner.post import post_with_report
 
     facts = load_cell(cell)
     with output.progress(quiet=json) as report:
         report("posting", 0.0)
-        program = make_program(read_plan(existing_file(plan, "plan")), facts, dialect=dialect)
+        program, found = post_with_report(read_plan(existing_file(plan, "plan")), facts, dialect=dialect)
         write_program(program, out)
     summary = {
         "program": str(out),
         "cell": facts.name,
+        "dialect": dialect,
         "lines": len(program.lines),
         "layers": len(program.layer_starts) - 1,
     }
     if json:
-        output.as_json({**summary, "duration_s": float(program.duration_s)})
+        output.as_json({**summary, "duration_s": float(program.duration_s), "findings": list(found.findings)})
     else:
         took = output.duration(float(program.duration_s))
-        output.line(f"{out}: {summary['lines']} lines in {summary['layers']} layers for {facts.name}, about {took}")
+        size = f"{summary['lines']} lines of {dialect} in {summary['layers']} layers"
+        output.line(f"{out}: {size} for {facts.name}, about {took}")
+        for text in found.findings:
+            output.line(f"  {text}")

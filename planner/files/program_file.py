@@ -1,4 +1,4 @@
-"""A Program as a directory: G-code per layer, tables in HDF5, everything else and the checksums in program.json."""
+"""A Program as a directory: G-code per layer (whole for some controls), tables in HDF5, everything else and the checksums in program.json."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ _MATRICES = {"machine_from_build": (4, 4), "build_from_part": (4, 4), "work_offs
 _TUPLES = ("axis_letters", "tools")
 _APART = {"lines", *_DATASETS}
 _HINT = "post the plan again"
+_WHOLE = {"siemens": "program.mpf", "fanuc": "program.nc", "heidenhain": "program.h", "apt": "program.apt"}
+"""Dialects whose controls take a program as one file; the others' text is in a file per layer."""
 _SWOLLEN = 1100  # deflate packs at most 1,032 to 1
 
 
@@ -53,9 +55,9 @@ def write_program(program: Program, directory: str | Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / INDEX).unlink(missing_ok=True)
-        for old in folder.glob("layer_*.ngc"):
+        for old in (*folder.glob("layer_*.ngc"), *(folder / name for name in _WHOLE.values())):
             if old.name not in files:
-                old.unlink()
+                old.unlink(missing_ok=True)
         for name, content in files.items():
             (folder / name).write_bytes(content)
     except OSError as error:
@@ -95,7 +97,9 @@ def read_program(directory: str | Path) -> Program:
 
 
 def _layers(program: Program) -> list[tuple[str, tuple[str, ...]]]:
-    """File name and lines of the set-up and of each layer."""
+    """File name and lines of the set-up and of each layer, or of everything."""
+    if program.dialect in _WHOLE:
+        return [(_WHOLE[program.dialect], program.lines)]
     edges = [0, *program.layer_starts.tolist()]
     edges[-1] = len(program.lines)
     return [
