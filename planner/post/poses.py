@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from config.cell import Cell
 from planner.errors import ReachError
-from planner.kinematics.branches import filled, shortest_branches, turn_shift, unwrapped
 from planner.kinematics.chain import Chain, Floats
+from planner.kinematics.free_spin import filled
 from planner.kinematics.inverse import RotaryPair, linear_joints, rotary_angles, tilt_for_spin
 from planner.kinematics.limits import excess, travel
+from planner.kinematics.shortest import OUTSIDE_S, Lattice, shortest_way
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -25,6 +26,9 @@ SAME_POSE = 1e-3
 _ELSEWHERE = (
     1e-9  # weight of the way outside rapid links, when a spin angle has to change where the tool axis leaves it free
 )
+
+
+_WINDING_SLACK_DEG = 1e-3
 
 
 @dataclass(frozen=True)
@@ -65,13 +69,16 @@ class PoseSolver:
         self.tool_tip_mm = tool_tip_mm
         self.pair = RotaryPair.of(chain)
         self._columns = list(self.pair.columns)
-        self._low, self._high = travel(cell.axes)
+        self._low, self._high = (side[self._columns] for side in travel(cell.axes))
+        self._speed = np.array([cell.axes[column].max_velocity for column in self._columns])
         self._cone_rad = float(np.deg2rad(CONE_SHARE * cell.axis_tolerance_deg))
 
-    def solve(self, rows: Rows, start: Floats, places: Sequence[str]) -> Poses:
+    def solve(self, rows: Rows, start: Floats, places: Sequence[str], spin_deg: float | None = None) -> Poses:
         """Poses of all rows, beginning as near as possible to the joints (5,) where the machine stands.
 
-        places : one text per pass, for messages. Raises ReachError where no pose gives the axis. Travel is not checked here.
+        places : one text per pass, for messages   spin_deg : of the spin joint, where the axis leaves it free all along; none: as it stands
+        Raises ReachError where no pose gives the axis, where the linear axes do not span space, or where a joint would wind
+        out of its travel within passes that follow each other on the part. Other travel is not checked here.
         """
         found = rotary_angles(self.pair, rows.axis, self._cone_rad)
         if not found.is_reachable.all():
@@ -82,81 +89,100 @@ class PoseSolver:
                 f"{places[int(rows.pass_[row])]}",
                 "turn the part on the table or choose another build direction",
             )
-        rotary = self._continuous(rows, found.angles, ~found.is_free, start[self._columns])
-        rotary = self._within_travel(rows, rotary)
+        stood = start[self._columns]
+        if spin_deg is not None and found.is_free.all():
+            stood = np.where(np.arange(2) == self.pair.spin, spin_deg, stood)
+        rotary = self._continuous(rows, found.angles, ~found.is_free, stood)
+        self._check_winding(rows, rotary, places)
         joints = np.zeros((len(rows.tip), 5))
         joints[:, self._columns] = rotary
         joints = linear_joints(self.chain, joints, rows.tip, self.tool_tip_mm)
+        if not np.isfinite(joints).all():
+            row = int(np.argmin(np.isfinite(joints).all(axis=1)))
+            raise ReachError(
+                f"{self._pose(rotary[row])}: the linear axes do not span space there, {places[int(rows.pass_[row])]}",
+                "turn the part on the table or choose another build direction",
+            )
         step = np.abs(np.diff(np.vstack([start, joints]), axis=0)).max(axis=1)
         return Poses(joints, rows.is_first & (step > SAME_POSE))
 
     def _continuous(self, rows: Rows, angles: Floats, is_known: Bools, start: Floats) -> Floats:
-        """(n, 2) deg: branch by shortest way, unwrapped; the spin interpolated where it is free, the tilt fitted to it there."""
+        """(n, 2) deg: branches and turns by the cheapest way; the spin interpolated where it is free, the tilt fitted to it there."""
         known = np.flatnonzero(is_known)
-        branch = shortest_branches(angles[known], self._is_allowed(rows, angles, known), start)
         values = np.zeros((len(angles), 2))
-        values[known] = unwrapped(angles[known, branch], start) if known.size else 0.0
+        pieces = np.flatnonzero(self._starts_piece(rows))
+        piece = np.searchsorted(pieces, known, side="right")
+        lattice = Lattice.of_branches(
+            angles[known], self._cost(rows, angles, known), np.append(True, np.diff(piece) > 0)[: len(known)]
+        )
+        way = shortest_way(lattice, start, self._low, self._high, self._speed)
+        values[known] = way.angles
         if known.size == len(angles):
             return values
+        wound = self._without_unwinding(values[known])
+        values[known] = wound
+        self._fill_free(rows, values, is_known, start)
+        unwound = way.angles - wound  # whole turns, from the beginning of a piece on
+        shift = np.vstack([np.zeros(2), np.diff(unwound, axis=0)]) if known.size else np.zeros((0, 2))
+        for row in np.flatnonzero(np.abs(shift).max(axis=1, initial=0.0) > 180.0):
+            values[pieces[piece[row] - 1] :] += shift[row]
+        return values
+
+    @staticmethod
+    def _without_unwinding(angles: Floats) -> Floats:
+        """(n, 2) deg: the same angles from the first on, each less than half a turn from the one before."""
+        steps = np.diff(angles, axis=0)
+        return np.asarray(np.vstack([angles[:1], angles[:1] + np.cumsum(steps - 360.0 * np.round(steps / 360.0), axis=0)]))
+
+    def _fill_free(self, rows: Rows, values: Floats, is_known: Bools, start: Floats) -> None:
+        """Put in angles where the axis leaves the spin free: led over, mostly in rapid links, from the known ones beside."""
+        known = np.flatnonzero(is_known)
         step = np.append(0.0, np.linalg.norm(np.diff(rows.tip, axis=0), axis=1))
         leading = slice(0, int(known[0]) + 1) if known.size else slice(0, 0)
         turns_on_the_way = bool(np.any(rows.is_rapid[leading] & (step[leading] > 0.0)))
         way = np.cumsum(step * np.where(rows.is_rapid, 1.0, _ELSEWHERE))
         spin, tilt = self.pair.spin, 1 - self.pair.spin
-        begin = start if turns_on_the_way or known.size == 0 else values[known[0]]
+        is_near = known.size == 0 or (turns_on_the_way and bool(np.all(np.abs(start - values[known[0]]) <= 180.0)))
+        begin = start if is_near else values[known[0]]
         for joint in (spin, tilt):
             values[:, joint] = filled(values[:, joint], is_known, way, float(begin[joint]))
         free = np.flatnonzero(~is_known)
         fitted = tilt_for_spin(self.pair, rows.axis[free], values[free, spin])
         values[free, tilt] = fitted + 360.0 * np.round((values[free, tilt] - fitted) / 360.0)
-        return values
 
-    def _is_allowed(self, rows: Rows, angles: Floats, known: Ints) -> Bools:
-        """(k, 2) bool: whether each branch of the known rows is inside the travel, the rotary joints on some turn."""
-        allowed = np.ones((len(known), 2), dtype=np.bool_)
-        low, high = self._low[self._columns] - 1e-6, self._high[self._columns] + 1e-6
+    def _cost(self, rows: Rows, angles: Floats, known: Ints) -> Floats:
+        """(k, 2) s: of each branch of the known rows, OUTSIDE_S where a linear axis would leave its travel."""
+        cost = np.zeros((len(known), 2))
         for branch in range(2):
-            here = angles[known, branch]
-            turn_fits = np.ceil((low - here) / 360.0) <= np.floor((high - here) / 360.0)
             joints = np.zeros((len(known), 5))
-            joints[:, self._columns] = here
-            joints = linear_joints(self.chain, joints, rows.tip[known], self.tool_tip_mm)
-            over = excess(self.cell.axes, joints)
+            joints[:, self._columns] = angles[known, branch]
+            over = excess(self.cell.axes, linear_joints(self.chain, joints, rows.tip[known], self.tool_tip_mm))
             over[:, self._columns] = 0.0
-            allowed[:, branch] = turn_fits.all(axis=1) & ~over.any(axis=1)
-        return allowed
+            cost[over.any(axis=1), branch] = OUTSIDE_S
+        return cost
 
-    def _within_travel(self, rows: Rows, rotary: Floats) -> Floats:
-        """(n, 2) deg: the same angles on other turns where one would wind out of the travel; turns change beside rapid links only."""
-        first = np.flatnonzero(rows.is_first)
-        beside_rapid = rows.is_rapid[first] | rows.is_rapid[first - 1]
-        starts = first[beside_rapid | (first == 0)]
-        result = rotary.copy()
-        for joint, column in enumerate(self._columns):
-            low, high = float(self._low[column]), float(self._high[column])
+    def _starts_piece(self, rows: Rows) -> Bools:
+        """(n,) bool: first rows of passes beside a rapid link, where the tool is off the part: whole turns may change there."""
+        first = rows.is_first
+        beside = rows.is_rapid | np.append(True, rows.is_rapid[:-1])
+        return np.asarray(first & (beside | (np.arange(len(first)) == 0)))
+
+    def _check_winding(self, rows: Rows, rotary: Floats, places: Sequence[str]) -> None:
+        """Raise ReachError for passes on the part, without a rapid link between, that wind a joint through more than its travel."""
+        starts = np.flatnonzero(self._starts_piece(rows))
+        for joint, letter in enumerate((self.pair.first.letter, self.pair.second.letter)):
+            low, high = float(self._low[joint]), float(self._high[joint])
             least = np.minimum.reduceat(rotary[:, joint], starts)
             most = np.maximum.reduceat(rotary[:, joint], starts)
-            shifts = _piece_shifts(least, most, low, high)
-            result[:, joint] += np.repeat(shifts, np.diff(np.append(starts, len(rotary))))
-        return result
+            wound = np.where(high - low >= 360.0, most - least, 0.0)
+            worst = int(np.argmax(wound))
+            if wound[worst] > high - low + _WINDING_SLACK_DEG:
+                raise ReachError(
+                    f"axis {letter} would wind by {wound[worst]:.1f} deg, its travel holds {high - low:g} deg, "
+                    f"{places[int(rows.pass_[starts[worst]])]}",
+                    "unwinding is done off the part only: divide the pass, or plan it as rings that a rapid link parts",
+                )
 
-
-def _piece_shifts(least: Floats, most: Floats, low: float, high: float) -> Floats:
-    """(k,) deg, whole turns: shift of each piece, as few different ones in sequence as the travel allows."""
-    shifts = np.zeros(len(least))
-    begin, current = 0, 0.0
-    while begin < len(least):
-        end, best = begin, None
-        bottom, top = np.inf, -np.inf
-        while end < len(least):
-            bottom, top = min(bottom, float(least[end])), max(top, float(most[end]))
-            shift = turn_shift(np.array([bottom + current, top + current]), low, high)
-            if shift is None:
-                break
-            best = shift
-            end += 1
-        end = max(end, begin + 1)
-        current += best or 0.0
-        shifts[begin:end] = current
-        begin = end
-    return shifts
+    def _pose(self, rotary: Floats) -> str:
+        first, second = self.pair.first.letter, self.pair.second.letter
+        return f"{first} {rotary[0]:.2f} deg, {second} {rotary[1]:.2f} deg"

@@ -22,7 +22,7 @@ def unit(vector: tuple[float, float, float]) -> Floats:
     """The direction of a vector long enough to have one."""
     length = float(np.linalg.norm(vector))
     assume(length > 0.1)
-    return np.array(vector) / length
+    return np.asarray(np.array(vector) / length)
 
 
 @st.composite
@@ -65,7 +65,7 @@ def check_both(chain: Chain, tip: Floats, axis: Floats, tool: Floats) -> Floats:
     found, angles = both_branches(chain, tip, axis, tool)
     assert angles.is_reachable.all()
     for branch in range(2):
-        spans = np.isfinite(found[:, branch]).all(axis=1)
+        spans = np.asarray(np.isfinite(found[:, branch]).all(axis=1))
         ways = chain.linear_directions(np.where(spans[:, None], found[:, branch], 0.0))
         spans &= np.abs(np.linalg.det(ways)) > 0.05
         found[~spans, branch] = np.nan

@@ -7,8 +7,8 @@ import pytest
 
 from config.cell import Cell, load_cell
 from planner.errors import PostError, TravelLimitError
-from planner.kinematics.branches import filled, shortest_branches, turn_shift, unwrapped
 from planner.kinematics.chain import Chain
+from planner.kinematics.free_spin import filled
 from planner.kinematics.inverse import both_branches
 from planner.kinematics.limits import check_travel
 from sim.cnc.chain import Chain as SimulatedChain
@@ -91,36 +91,6 @@ def test_the_worst_axis_out_of_travel_is_named_with_limit_and_unit() -> None:
     joints = np.array([[0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 118.3, 0.0]])
     with pytest.raises(TravelLimitError, match=r"axis A: 118.300 deg asked, limit 110 deg, there"):
         check_travel(cell.axes, joints, ["here", "there"])
-
-
-def test_branches_follow_the_shortest_way_through_the_pole() -> None:
-    # A tilt that goes from +5 over 0 to -5 with the spin at rest; the other branch would turn by half a turn.
-    tilt = np.array([5.0, 1.0, -1.0, -5.0])
-    spin = np.where(tilt > 0.0, 0.0, 180.0)
-    angles = np.stack([np.column_stack([np.abs(tilt), spin]), np.column_stack([-np.abs(tilt), 180.0 - spin])], axis=1)
-    chosen = shortest_branches(angles, np.ones((4, 2), dtype=bool), np.zeros(2))
-    assert angles[np.arange(4), chosen, 0].tolist() == tilt.tolist()
-    assert np.all(angles[np.arange(4), chosen, 1] == 0.0)
-
-
-def test_a_branch_outside_the_travel_is_left_for_the_other_one() -> None:
-    angles = np.array([[[10.0, 0.0], [-10.0, 180.0]]] * 3)
-    allowed = np.array([[False, True]] * 3)
-    assert shortest_branches(angles, allowed, np.zeros(2)).tolist() == [1, 1, 1]
-
-
-def test_angles_are_unwrapped_from_where_the_axis_stands() -> None:
-    assert unwrapped(np.array([[170.0], [-170.0], [-10.0]]), np.array([720.0])).ravel().tolist() == [
-        890.0,
-        910.0,
-        1070.0,
-    ]
-
-
-def test_turns_change_only_as_far_as_the_travel_asks() -> None:
-    assert turn_shift(np.array([350.0, 500.0]), -400.0, 400.0) == -360.0
-    assert turn_shift(np.array([0.0, 100.0]), -400.0, 400.0) == 0.0
-    assert turn_shift(np.array([0.0, 900.0]), -400.0, 400.0) is None
 
 
 def test_a_free_angle_is_held_before_and_behind_and_led_over_between() -> None:
