@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from config.cell import Cell, Tool
-from planner.collide.bodies import PLATE, Body, Packed, bodies_of, plate_body
-from planner.collide.carriers import BASE, Carriers
+from planner.collide.bodies import Body, Packed, bodies_of, plate_body
+from planner.collide.carriers import Carriers
 from planner.collide.clearance import Clearance
-from planner.collide.solids import Pairs, least_clearance
+from planner.collide.follow import Watch, follow
+from planner.collide.metal import FINISHED_MM, bead_points, cutter_poses, wall_points
+from planner.collide.standing import Standing
+from planner.collide.watched import watched
 from planner.errors import PostError
 from planner.kinematics.chain import Chain
 from planner.plan import Operation, Plan
 from planner.recipe import parse_recipe
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
-_ALWAYS = -1.0  # in `Pairs.cut_mm`: bodies that may not be in each other at all
+PART = "part"
+
+
+@dataclass(frozen=True)
+class _Mounted:
+    """The bodies that are there with a tool, what of them is looked at, and the names of pairs and of bodies with the part."""
+
+    bodies: Packed
+    watch: Watch
+    names: tuple[tuple[str, str], ...]
 
 
 class Guard:
@@ -33,71 +49,100 @@ class Guard:
         self.is_watching = cell.machine is not None
         self.contact_mm = cell.machine.contact_mm if cell.machine else 0.0
         """Bodies that are less in each other than this only touch."""
-        parked = cell.machine.parked_offset_mm if cell.machine else (0.0, 0.0, 0.0)
-        self._carriers = Carriers.of(chain, parked)
+        self.standing = Standing()
+        self._carriers = Carriers.of(chain, cell.machine.parked_offset_mm if cell.machine else (0.0, 0.0, 0.0))
         self._bodies = self._all_bodies()
-        self._of_tool: dict[tuple[int, bool], tuple[Packed, Pairs, tuple[tuple[str, str], ...]]] = {}
+        self._mountings: dict[tuple[int, bool], _Mounted] = {}
+        self._layers = {layer.index: layer for layer in plan.layers}
+        self._step = 0
+        self._taken = np.empty(0, dtype=np.int64)
 
-    def clearance(self, tool: Tool, joints: ArrayLike, *, cuts: bool, limit_mm: float = float("inf")) -> Clearance:
-        """Least clearance of everything that moves, in every pose.
+    def clearance(
+        self,
+        tool: Tool,
+        joints: ArrayLike,
+        *,
+        cuts: bool,
+        limit_mm: float = float("inf"),
+        joined: ArrayLike | None = None,
+        passes: ArrayLike | None = None,
+    ) -> Clearance:
+        """Least clearance of everything that moves, in every pose, from each other and from the part as it stands.
 
         tool : the one that works; a cutter is in the spindle and the head parked, or the head is out and no cutter in
         joints : (n, 5) float, mm or deg, machine coordinates
         cuts : the cutter's flutes may be in the part and, by the cell's `plate_cut_mm`, in the plate
         limit_mm : what is farther is not looked for; saves time
+        joined : (n,) bool, where the machine comes straight from the row before: the way there counts too; None: single poses
+        passes : (n,) int, in which pass of the operation that was begun each row is: what that and the passes before it cut is gone;
+            None: all that the operation cuts is gone
         """
         rows = np.ascontiguousarray(np.atleast_2d(np.asarray(joints, dtype=np.float64)))
-        if not self.is_watching or not len(rows):
-            none = np.full(len(rows), -1, dtype=np.int64)
-            return Clearance(np.full(len(rows), limit_mm), none, np.zeros((len(rows), 3)), ())
-        bodies, pairs, names = self._mounted(tool, cuts)
-        table = self._carriers.number["table"]
-        parked = tool.kind != "deposition"
-        mm, nearest, places = least_clearance(self._carriers.motion, bodies, pairs, table, rows, parked, limit_mm)
-        places = (places - self.placed[:3, 3]) @ self.placed[:3, :3]
-        return Clearance(mm, nearest, places, names)
+        count = len(rows)
+        if not self.is_watching or not count:
+            return Clearance(np.full(count, limit_mm), np.full(count, -1, dtype=np.int64), np.zeros((count, 3)), ())
+        there = self._mounted(tool, cuts)
+        is_joined = np.zeros(count, dtype=np.bool_) if joined is None else np.asarray(joined, dtype=np.bool_)
+        number = np.iinfo(np.int64).max // 2 if passes is None else np.asarray(passes, dtype=np.int64)
+        steps = np.broadcast_to(self._step + number, (count,)).astype(np.int64)
+        found = follow(
+            self._carriers.motion, there.bodies, there.watch, self.standing.forest, rows, is_joined, steps,
+            tool.kind != "deposition", float(limit_mm),
+        )  # fmt: skip
+        return Clearance(*found, there.names)
+
+    def begin(self, operation: Operation) -> None:
+        """What an operation is going to cut counts as gone by the pass that cuts it."""
+        self.standing.restore(self._taken)
+        self._taken = np.empty(0, dtype=np.int64)
+        if operation.process.is_deposit or not self.is_watching:
+            return
+        poses, numbers = cutter_poses(operation.passes)
+        radius, edge, length = self._flutes(operation)
+        self._taken = self.standing.cut(poses, self._step + numbers, radius, edge, length)
 
     def advance(self, operation: Operation) -> None:
-        """Take in what an operation of the plan has added or cut."""
+        """Take in what an operation of the plan, as it is posted, has added or cut."""
+        if not self.is_watching:
+            return
+        if operation.process.is_deposit:
+            layer = self._layers[operation.layer]
+            self.standing.grow(bead_points(operation, layer))
+            self.standing.grow(wall_points(layer), FINISHED_MM)
+        else:
+            self.begin(operation)
+        self._taken = np.empty(0, dtype=np.int64)
+        self._step += len(operation.passes)
+
+    def _flutes(self, operation: Operation) -> tuple[float, float, float]:
+        """Radius, rounding of the edge and length of the flutes of the cell's cutters that an operation may be done with, mm."""
+        radius = 0.5 * operation.cutter_diameter_mm
+        fit = [tool for tool in self.cell.tools if tool.kind != "deposition" and abs(tool.diameter_mm - 2.0 * radius) < 0.01]
+        if not fit:
+            return radius, 0.0, 2.0 * radius
+        tool = min(fit, key=lambda item: item.flute_length_mm)
+        edge = radius if tool.kind == "ball_mill" else min(tool.corner_radius_mm, radius)
+        return radius, edge, min(tool.flute_length_mm or tool.stickout, tool.stickout)
 
     def _all_bodies(self) -> list[Body]:
         if self.cell.machine is None:
             return []
         width, depth = parse_recipe(self.plan.recipe_toml).substrate_mm
-        size = (width, depth, self.cell.plate.size_mm[2])
         number = self._carriers.number
-        bodies = bodies_of(self.cell, number, plate_body(size, number["table"], self.placed))
+        plate = plate_body((width, depth, self.cell.plate.size_mm[2]), number["table"], self.placed)
+        bodies = bodies_of(self.cell, number, plate)
         known = {body.name for body in bodies}
         unknown = sorted({name for pair in self.cell.machine.ignore for name in pair} - known)
         if unknown:
             raise PostError(f"cell {self.cell.name}: machine.ignore: no body {unknown[0]}", f"there is: {', '.join(sorted(known))}")
         return bodies
 
-    def _mounted(self, tool: Tool, cuts: bool) -> tuple[Packed, Pairs, tuple[tuple[str, str], ...]]:
-        """The bodies that are there with a tool, and which of them may meet."""
+    def _mounted(self, tool: Tool, cuts: bool) -> _Mounted:
         key = (tool.number, cuts)
-        if key not in self._of_tool:
+        if key not in self._mountings:
+            assert self.cell.machine is not None
             bodies = [body for body in self._bodies if body.tool in (0, tool.number)]
-            pairs, cut, names = self._pairs(bodies, cuts)
-            packed = Packed.of(bodies)
-            self._of_tool[key] = packed, Pairs(np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(cut, dtype=np.float64)), tuple(names)
-        return self._of_tool[key]
-
-    def _pairs(self, bodies: list[Body], cuts: bool) -> tuple[list[tuple[int, int]], list[float], list[tuple[str, str]]]:
-        """Pairs on different carriers that are not to be ignored, how deep they may be in each other, and their names: the head's side first."""
-        machine = self.cell.machine
-        assert machine is not None
-        ignore = {frozenset(pair) for pair in machine.ignore}
-        ends = {self._carriers.number[joint.letter] for joint in self.chain.head} | {self._carriers.number["head_slide"]} - {BASE}
-        pairs, cut, names = [], [], []
-        for i, one in enumerate(bodies):
-            for j in range(i + 1, len(bodies)):
-                other = bodies[j]
-                if one.carrier == other.carrier or frozenset((one.name, other.name)) in ignore:
-                    continue
-                first, second = (i, j) if one.carrier in ends else (j, i)
-                in_plate = cuts and {one.is_flutes, other.is_flutes} == {True, False} and PLATE in (one.name, other.name)
-                pairs.append((first, second))
-                cut.append(machine.plate_cut_mm if in_plate else _ALWAYS)
-                names.append((bodies[first].name, bodies[second].name))
-        return pairs, cut, names
+            watch, pairs = watched(bodies, self.cell, self._carriers, self.placed, np.asarray(self.plan.bounds), cuts)
+            names = (*pairs, *((body.name, PART) for body in bodies))
+            self._mountings[key] = _Mounted(Packed.of(bodies), watch, names)
+        return self._mountings[key]
