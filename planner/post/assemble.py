@@ -17,7 +17,8 @@ from planner.post.dialect import JointDialect
 from planner.post.draft import Draft
 from planner.post.header import About, header_texts, operation_text, remark
 from planner.post.macros import MacroBook
-from planner.post.tape import Move, Tape, schedule_of
+from planner.post.splines import Splines
+from planner.post.tape import Entry, Move, Tape, schedule_of
 from planner.post.words import Words, decimal
 from planner.program import LINE_DTYPE, Channel
 
@@ -68,6 +69,8 @@ def assemble(tape: Tape, setting: Setting) -> Assembly:
     if tape.dwells:
         draft = _dwelt(tape, draft, _times(draft.items, start, acceleration))
     entries = tape.entries
+    if setting.dialect.has_splines:
+        draft = _splined(draft, words, setting, start, entries)
     if cell.cnc.power_output is not None:
         for entry in entries:
             if entry.channel == Channel.LASER_W:
@@ -89,6 +92,13 @@ def assemble(tape: Tape, setting: Setting) -> Assembly:
     layer_starts = np.append(starts, len(items)).astype(np.int64)
     schedule = schedule_of(entries, draft.line_of_item(tape.count))
     return Assembly(lines, _table(items, times, setting), schedule, layer_starts, float(times.sum()))
+
+
+def _splined(draft: Draft, words: Words, setting: Setting, start: Floats, entries: list[Entry]) -> Draft:
+    cell = setting.cell
+    tips = {tool.number: np.array(tool.tip_mm) for tool in cell.tools}
+    found = Splines(draft, words, setting.chain, setting.posted, setting.placed, tips, cell.chord_tolerance_mm)
+    return found.applied(start, entries)
 
 
 def _lines(draft: Draft, words: Words, setting: Setting, start: Floats) -> tuple[str, ...]:

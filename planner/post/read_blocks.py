@@ -18,10 +18,14 @@ Ints = NDArray[np.int64]
 
 _NEW_LINE, _BLANK, _OPEN, _CLOSE, _POINT, _PLUS, _MINUS = 10, 32, 40, 41, 46, 43, 45
 _G, _M, _N = ord("G"), ord("M"), ord("N")
-_STATES = frozenset({170, 210, 400, 490, 540, 900, 930, 940})  # tenths: what is said once at the start, and the feed's mode
+_STATES = frozenset(
+    {170, 210, 400, 490, 540, 900, 930, 940}
+)  # tenths: what is said once at the start, and the feed's mode
 _MOVES = (0, 10, 20, 30)
 _DWELL = 40
-_LEAVES = frozenset({280, 300, 382, 383, 384, 385, 430, 431, 530})  # references, probing, tool length: behind them nothing is known
+_LEAVES = frozenset(
+    {280, 300, 382, 383, 384, 385, 430, 431, 530}
+)  # references, probing, tool length: behind them nothing is known
 _FREE_KINDS = (LineKind.SETUP, LineKind.TOOL)  # macros may say what this parser does not know there
 
 
@@ -97,7 +101,13 @@ def read(program: Program, grammar: Grammar) -> Reading:
     joints = _followed(axes, leaves, program.work_offset)
     is_motion = named & (motion >= 0)
     xy = (program.axis_letters.index("X"), program.axis_letters.index("Y"))
-    arcs = read_arcs(joints, is_motion & ((motion == 20) | (motion == 30)), motion == 20, [_values(n, tokens, "I"), _values(n, tokens, "J")], xy)
+    arcs = read_arcs(
+        joints,
+        is_motion & ((motion == 20) | (motion == 30)),
+        motion == 20,
+        [_values(n, tokens, "I"), _values(n, tokens, "J")],
+        xy,
+    )
     in_spline = (motion == 52) & named | _marked(n, tokens.line[is_g & (codes == 53)])
     order = np.where(np.isnan(_values(n, tokens, "L")), 3.0, _values(n, tokens, "L"))
     splines = read_splines(joints, in_spline, motion == 53, order, _values(n, tokens, "P"), xy)
@@ -230,9 +240,7 @@ def _followed(axes: Floats, leaves: Bools, offset: Floats) -> Floats:
     return joints
 
 
-def _times(
-    program: Program, tokens: Tokens, way: tuple[Floats, Arcs, Splines], feeds: Bools, by_time: Bools
-) -> Floats:
+def _times(program: Program, tokens: Tokens, way: tuple[Floats, Arcs, Splines], feeds: Bools, by_time: Bools) -> Floats:
     """(n,) s of the moves at feed. Raises PostError where one has no feed."""
     n = len(feeds)
     lines, values = tokens.of("F")

@@ -13,7 +13,10 @@ from planner.kinematics.chain import Floats
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-_RADIUS_MM, _RADIUS_SHARE = 0.005, 0.001  # grbl 1.1 gcode.c: how far the end may lie off the circle, LinuxCNC takes more
+_RADIUS_MM, _RADIUS_SHARE = (
+    0.005,
+    0.001,
+)  # grbl 1.1 gcode.c: how far the end may lie off the circle, LinuxCNC takes more
 _SAMPLES = 8  # of a line's stretch of a spline, for its length
 
 
@@ -124,7 +127,9 @@ def read_splines(
         lines = rows[block]
         given = lines[:-1]
         if not is_end[lines[-1]] or len(given) + 1 < order[given[0] if len(given) else 0]:
-            raise PostError(f"line {int(lines[0]) + 1}: a NURBS without its end or with too few points", "report this program")
+            raise PostError(
+                f"line {int(lines[0]) + 1}: a NURBS without its end or with too few points", "report this program"
+            )
         points.append(np.vstack([joints[lines[0], columns], joints[given + 1][:, columns]]))
         weights.append(np.append(1.0, weight[given]))
         orders.append(int(order[given[0]]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,22 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.cell import Cell
+from config.material import load_material
 from planner.errors import PostError
 from planner.kinematics.chain import Chain, Floats
 from planner.plan import Operation, Pass, Plan
 from planner.post.dialect import check_dialect, joint_dialect
 from planner.post.pass_curve import PassCurve
+from planner.post.per_length import is_off, powder_slack_s, power_slack_s
 from planner.post.read_blocks import Reading
 from planner.post.tools import tool_for
 from planner.program import Channel, LineKind, Program
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+Bounds = tuple[tuple[int, Channel, float, float, str], ...]
 
 _PROBES = (0.25, 0.5, 0.75, 1.0)
 _FEED_SLACK = 0.005  # relative: the tip's speed varies a little within a move whose rotary joints turn
 _ROUNDING_SHARE = 0.4  # of the chord tolerance: what rounding of all words may add to a move
 _SAME_ARC_MM = 1e-6
+_FAR_MM = 0.05  # along the pass: what one projection on the chord is good for
+_NEWTON_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ def check(
     rounding_mm = _ROUNDING_SHARE * cell.chord_tolerance_mm
     table = program.table
     levels = _levels(program, reading)
-    worst = np.zeros(3)
+    worst, bounds = np.zeros(3), _bounds(plan, cell)
     faults: list[str] = []
     moving = np.flatnonzero(reading.is_motion & (table["pass_"] >= 0))
     key = table["operation"][moving].astype(np.int64) * (1 << 31) + table["pass_"][moving]
@@ -86,6 +90,7 @@ def check(
         worst = np.maximum(worst, [*errors, ratio])
         if operations[number].process.is_deposit:
             faults += _set_point_faults(program.gate, reading, table, levels, lines, item, curve)
+            faults += _per_length_faults(table, levels, lines, item, curve, bounds)
         elif np.any(reading.spindle_rpm[lines] != round(operations[number].spindle_rpm)):
             faults.append(f"{place}: the spindle does not turn as planned")
         elif reading.gate[lines].any() or levels[lines, Channel.EMISSION].any():
@@ -118,6 +123,9 @@ def _geometry(
     length = np.linalg.norm(chord, axis=1)
     along = np.divide(np.einsum("ij,ij->i", off, chord), length, out=np.zeros(len(off)), where=length > 0.0)
     nearer = curve.at_arc_length(np.clip(arcs + along, 0.0, curve.length_mm))
+    if np.abs(along).max() > _FAR_MM:  # the text goes along the pass in another rhythm than its arc length
+        for _ in range(_NEWTON_STEPS):
+            nearer = curve.nearest(tip, nearer)
     distance = np.minimum(np.linalg.norm(off, axis=1), np.linalg.norm(tip - curve.tips(nearer), axis=1))
     apart = [np.linalg.norm(axis - curve.axes(at), axis=1) for at in (u, nearer)]
     half = 0.5 * np.minimum(apart[0], apart[1])
@@ -161,11 +169,38 @@ def _set_point_faults(
     emits = (planned[:, 2] > 0.0) & (not item.is_link)
     is_open = reading.gate[lines] if gate == "stream" else levels[lines, Channel.EMISSION] > 0.0
     wrong = is_open != emits
-    for column, channel in ((2, Channel.LASER_W), (3, Channel.POWDER_G_MIN), (4, Channel.SHIELD_GAS_L_MIN)):
-        wrong = wrong | (emits & (np.abs(levels[lines, channel] - planned[:, column]) > 1e-9))
+    wrong = wrong | (emits & (np.abs(levels[lines, Channel.SHIELD_GAS_L_MIN] - planned[:, 4]) > 1e-9))
     wrong = wrong | (emits & (levels[lines, Channel.MODE] != 1.0))
     process = table["kind"][lines] == (LineKind.LINK if item.is_link else LineKind.PROCESS)
     return [f"line {int(line) + 1}: set-points differ from {curve.place}" for line in lines[wrong | ~process]]
+
+
+def _per_length_faults(
+    table: NDArray[np.void], levels: Floats, lines: Ints, item: Pass, curve: PassCurve, bounds: Bounds
+) -> list[str]:
+    """Where power or powder over time is not that of the plan over the way."""
+    row = np.searchsorted(curve.set_point_arcs, table["arc_start_mm"][lines] + _SAME_ARC_MM, side="right") - 1
+    planned = item.setpoints[row]
+    time_s = table["time_end_s"][lines] - table["time_start_s"][lines]
+    share = (table["arc_end_mm"][lines] - table["arc_start_mm"][lines]) / np.maximum(time_s * planned[:, 1], 1e-12)
+    emits = (planned[:, 2] > 0.0) & (not item.is_link)
+    found = []
+    for column, channel, floor, slack_s, word in bounds:
+        level = np.where(emits, levels[lines, channel], 0.0)
+        off = is_off(level, np.where(emits, planned[:, column], 0.0), share, time_s, floor, slack_s)
+        found += [f"line {int(line) + 1}: {word} per length differs from {curve.place}" for line in lines[off]]
+    return found
+
+
+def _bounds(plan: Plan, cell: Cell) -> Bounds:
+    """Column of the set-points, channel, least level, slack and word of what is compared per length."""
+    if not any(operation.process.is_deposit for operation in plan.operations):
+        return ()
+    window = load_material(plan.material).deposition
+    return (
+        (2, Channel.LASER_W, window.laser_w.min, power_slack_s(cell), "laser energy"),
+        (3, Channel.POWDER_G_MIN, window.powder_g_min.min, powder_slack_s(cell), "powder"),
+    )
 
 
 def verify(report: RereadReport, cell: Cell) -> None:
