@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -11,16 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.cell import Cell, Placement
+from config.macros import VALUES, Macros
+from planner.kinematics.chain import Chain
 from planner.kinematics.timing import predicted_times
-from planner.post import siemens
+from planner.plan import Operation
+from planner.post import read_siemens, siemens
 from planner.post.assemble import Assembly
 from planner.post.header import About, header_texts
 from planner.post.macros import MacroBook
+from planner.post.reading import Reading, Signals
+from planner.post.reread import RereadReport
 from planner.post.tape import Move, Tape, schedule_of
 from planner.post.tcp_build import Builder, Job, frame_of
+from planner.post.tcp_check import compare
 from planner.post.tcp_pass import Frame
 from planner.post.tcp_text import laid_out
 from planner.post.tcp_words import SMOOTHING_SHARE, Vocabulary, plain
+from planner.program import Program
 
 if TYPE_CHECKING:
     from planner.post.sequence import Sequencer
@@ -29,6 +36,8 @@ Floats = NDArray[np.float64]
 
 WRITERS: Mapping[str, ModuleType] = {"siemens": siemens}
 """Five-axis controls: name of the dialect -> its words."""
+READERS: Mapping[str, Callable[[Sequence[str], Sequence[str], Signals], Reading]] = {"siemens": read_siemens.read}
+"""Their readers, which share nothing with the writers."""
 
 _LEAST_DWELL_S = 0.01
 
@@ -75,6 +84,22 @@ def _vocabulary(writer: ModuleType, sequencer: Sequencer, about: About, frame: F
         smoothing_deg=axis_deg,
         rotary=tuple(joint.column for joint in sequencer.chain.rotary),
     )
+
+
+def read_back(program: Program, posted: Mapping[int, Operation], cell: Cell, chain: Chain) -> RereadReport:
+    """The program's text read by the dialect's own reader and compared with the Plan as posted.
+
+    posted : operations by number, with the axes that they are run with (`Sequencer.posted`)   chain : that of the placement
+    Raises PostError if the text cannot be read.
+    """
+    writer = WRITERS[program.dialect]
+    given, own = cell.macros.get(writer.NAME, Macros()), writer.MACROS
+    macros = {
+        name: getattr(own, name) or () if getattr(given, name) is None else getattr(given, name) for name in VALUES
+    }
+    signals = Signals(macros, 1 + (cell.cnc.laser_gate_output or 0))
+    reading = READERS[program.dialect](program.lines, cell.letters, signals)
+    return compare(reading, program, posted, cell, chain)
 
 
 def program_name(part: str) -> str:

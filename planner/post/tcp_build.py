@@ -21,6 +21,7 @@ from planner.program import Channel
 Ints = NDArray[np.int64]
 
 _SAME_ARC_MM = 1e-6
+_SHORTEST_MM = 1e-3  # of a stretch of a pass: what is said nearer to a set-point is said there
 _STANDS = 1e-7  # mm or deg
 _Said = dict[float, list[tuple[int, Command | None, list[Entry]]]]
 _PARAMETER_DIGITS = 6  # decimals of knots, in a parameter that is the arc length in mm
@@ -144,10 +145,7 @@ class Builder:
         said = self._said(begin, end, curve)
         arcs = np.concatenate([items["arc_start_mm"][moves[:1]], items["arc_end_mm"][moves]])
         first, last = float(arcs[0]), float(arcs[-1])
-        cuts = [
-            arc for arc in (*said, *curve.set_point_arcs.tolist()) if first + _SAME_ARC_MM < arc < last - _SAME_ARC_MM
-        ]
-        edges = _distinct(np.array([first, *sorted(cuts), last]))
+        edges = _edges(first, last, np.array([*said, *curve.set_point_arcs.tolist()]))
         clock = np.concatenate([[0.0], np.cumsum(job.times[moves])])
         joints = np.vstack([self._starts[moves[0]], items["joints"][moves]])
         emits = operation.process.is_deposit and not curve.source.is_link
@@ -158,10 +156,10 @@ class Builder:
             if emits and laser_w > 0.0 and laser_w != self._laser_w:
                 self._say(item, Command(Say.LEVEL, laser_w, channel=Channel.LASER_W))
                 self._laser_w = laser_w
-            self._flush(said, start)
+            self._flush(said, start + _SHORTEST_MM)
             blocks = self._stretch(curve, (start, stop), (first, last), 60.0 * feed)
             self._placed_on_tape(blocks, item, arcs, clock, joints)
-        self._flush(said, last)
+        self._flush(said, np.inf)
 
     def _stretch(
         self, curve: PassCurve, arcs: tuple[float, float], whole: tuple[float, float], feed: float
@@ -224,7 +222,7 @@ class Builder:
         return float(self._items["arc_end_mm"][self._items["command"][:end] < 0][-1])
 
     def _flush(self, said: _Said, arc: float) -> None:
-        for at in [at for at in said if at <= arc + _SAME_ARC_MM]:
+        for at in [at for at in said if at <= arc]:
             for item, command, entries in said.pop(at):
                 self._schedule(item, entries)
                 if command is not None:
@@ -286,8 +284,13 @@ class Builder:
         return np.asarray(row["tip"][0], dtype=np.float64)
 
 
-def _distinct(arcs: Floats) -> Floats:
-    return arcs[np.append(True, np.diff(arcs) > _SAME_ARC_MM)]
+def _edges(first: float, last: float, cuts: Floats) -> Floats:
+    """Arc lengths at which a pass is cut, both ends included; none nearer to the one before, or to the end, than the shortest stretch."""
+    found = [first]
+    for arc in np.unique(cuts).tolist():
+        if found[-1] + _SHORTEST_MM < arc < last - _SHORTEST_MM:
+            found.append(arc)
+    return np.array([*found, last])
 
 
 def _spline_blocks(item: Spline, curve: PassCurve, feed: float) -> NDArray[np.void]:

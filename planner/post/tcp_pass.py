@@ -17,6 +17,7 @@ _LINE_SHARE = 0.8  # of the tolerances, for straight moves; words rounded take o
 _WEIGHT_SHARE = 0.1  # of the tip tolerance: what weights rounded to the control's step may move the curve
 _WEIGHT_TRIALS = 30_000  # numbers that all weights are multiplied by to bring them near to the control's step
 _SAME_KNOT = 1e-9  # of the domain: knots of tip and axis nearer than this are one
+_SAME_PLACE = 1e-6  # of the domain: a cut nearer to a knot than this is made there
 _PROBES = (0.25, 0.5, 0.75)  # of a move, where its axis is compared with the pass
 _MAX_HALVINGS = 20
 
@@ -110,6 +111,8 @@ def splines(
         cuts = np.union1d(_corners(tip), _corners(axis))
         pairs = zip(_simple_parts(tip, cuts), _simple_parts(axis, cuts), strict=True)
         found = [_joined(first, second, frame) for first, second in pairs]
+        if any(np.ptp(item.weights) > 0.0 for item in found):
+            return []
     rounded = [_with_steps(item, control) for item in found]
     size = max(float(np.ptp(item.poles, axis=0).max()) for item in found)
     off = max(error for _, error in rounded)
@@ -140,12 +143,19 @@ def straight(curve: PassCurve, start: float, end: float, tip_tolerance_mm: float
 
 def _between(curve: Curve, start: float, end: float) -> Curve:
     low, high = curve.domain
-    slack = _SAME_KNOT * (high - low)
+    slack = _SAME_PLACE * (high - low)
+    start, end = (
+        float(near if abs(near - at) <= slack else at) for at in (start, end) for near in [_nearest(curve, at)]
+    )
     cuts = [value for value in (start, end) if low + slack < value < high - slack]
     if not cuts:
         return curve
     parts = curve.split(cuts)
     return parts[1] if start > low + slack else parts[0]
+
+
+def _nearest(curve: Curve, at: float) -> float:
+    return float(curve.breaks[np.abs(curve.breaks - at).argmin()])
 
 
 def _corners(curve: Curve) -> Floats:

@@ -1,0 +1,218 @@
+"""A reading of a program in workpiece coordinates compared with the Plan as posted: every motion, in place, direction, speed and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from config.cell import Cell
+from planner.kinematics.chain import Chain
+from planner.plan import Operation, Pass
+from planner.post.linearise import angle_between_deg
+from planner.post.pass_curve import PassCurve
+from planner.post.reading import How, Reading
+from planner.post.reread import RereadReport
+from planner.post.tools import tool_for
+from planner.program import LineKind, Program
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_SHARES = np.array((0.25, 0.5, 0.75, 1.0))
+_PER_SPAN = 8  # places within each span: more than a rational cubic has coefficients
+_SAME_ARC_MM = 1e-6
+_FEED_SLACK = 1e-4  # relative: digits of the feed
+_ROUNDING_MM = 2e-4  # how near positions said twice have to be
+_LEVEL_SLACK = 1e-3
+_MOST_FAULTS = 20
+
+
+@dataclass
+class _Worst:
+    """Largest differences so far, and what is wrong."""
+
+    tip_mm: float = 0.0
+    axis_deg: float = 0.0
+    feed_ratio: float = 0.0
+    faults: list[str] = field(default_factory=list)
+
+    def note(self, line: int, because: str) -> None:
+        self.faults.append(f"line {line + 1}: {because}")
+
+
+class _Checker:
+    def __init__(
+        self, reading: Reading, program: Program, posted: Mapping[int, Operation], cell: Cell, chain: Chain
+    ) -> None:
+        self._reading, self._program, self._posted, self._cell, self._chain = reading, program, posted, cell, chain
+        self._matrix = program.machine_from_build.copy()
+        linear = [k for k, axis in enumerate(cell.axes) if axis.kind == "linear"]
+        self._offset = np.zeros(3)
+        for k in linear:
+            self._offset["XYZ".index(cell.axes[k].letter)] = program.work_offset[k]
+        self._matrix[:3, 3] -= self._offset
+        self._motions = reading.motions()
+        self._worst = _Worst()
+        self._starts, self._start_axes = self._begins()
+
+    def report(self) -> RereadReport:
+        motions, table = self._motions, self._program.table
+        rows = table[motions["line"]]
+        key = np.where(rows["pass_"] >= 0, rows["operation"].astype(np.int64) << 32 | rows["pass_"], -1)
+        edges = np.flatnonzero(np.append(True, np.diff(key) != 0)) if len(key) else np.zeros(0, dtype=np.int64)
+        seen = set()
+        for begin, end in zip(edges.tolist(), [*edges[1:].tolist(), len(key)], strict=True):
+            if key[begin] >= 0:
+                seen.add((int(key[begin]) >> 32, int(key[begin]) & 0xFFFFFFFF))
+                self._pass(np.arange(begin, end), int(key[begin]) >> 32, int(key[begin]) & 0xFFFFFFFF)
+            elif np.any(motions["gate"][begin:end] > 0.0):
+                self._worst.note(int(motions["line"][begin]), "the laser's gate is open while positioning")
+        for number, operation in self._posted.items():
+            for index in range(len(operation.passes)):
+                if (number, index) not in seen and operation.passes[index].tip.length > self._cell.chord_tolerance_mm:
+                    self._worst.faults.append(f"pass {index} of operation {number} is missing")
+        worst = self._worst
+        faults = tuple(worst.faults[:_MOST_FAULTS])
+        return RereadReport(worst.tip_mm, worst.axis_deg, worst.feed_ratio, not faults, faults)
+
+    def _begins(self) -> tuple[Floats, Floats]:
+        """Where each motion begins: tips and axes, workpiece; machine moves by the forward kinematics."""
+        motions = self._motions
+        tips, axes = motions["tip"].copy(), motions["axis"].copy()
+        rotary = [joint.column for joint in self._chain.rotary]
+        lengths = {tool.number: np.array(tool.tip_mm) for tool in self._cell.tools}
+        told = np.flatnonzero(np.isfinite(motions["rotary"][:, 0]) & (motions["how"] != How.MACHINE))
+        if told.size:
+            joints = np.zeros((len(told), len(self._cell.axes)))
+            joints[:, rotary] = motions["rotary"][told]
+            axes[told] = self._chain.forward(joints, np.zeros(3))[1]
+        for index, words in self._reading.joints.items():
+            joints = np.array([[words[letter] for letter in self._cell.letters]])
+            after = int(motions["tool"][index : index + 2][-1])  # a change of tool moves nothing but the tip
+            tip, axis = self._chain.forward(joints, lengths.get(after, np.zeros(3)))
+            tips[index], axes[index] = tip[0] - self._offset, axis[0]
+            line = int(motions["line"][index])
+            if np.abs(joints[0] - self._program.table["joints_end"][line]).max() > _ROUNDING_MM:
+                self._worst.note(line, "the axes go elsewhere than planned")
+        known = np.isfinite(axes[:, 0])
+        last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+        axes = axes[last]
+        self._ends = axes
+        return np.vstack([tips[:1], tips[:-1]]), np.vstack([axes[:1], axes[:-1]])
+
+    def _pass(self, group: Ints, number: int, index: int) -> None:
+        operation = self._posted[number]
+        item = operation.passes[index]
+        place = f"pass {index} of operation {number}"
+        curve = PassCurve(item, self._matrix, place)
+        motions = self._motions[group]
+        straight = group[(motions["how"] == How.LINE) | (motions["how"] == How.RAPID)]
+        if straight.size:
+            self._straight(straight, curve, item)
+        for k in group[motions["how"] == How.CURVE].tolist():
+            self._curve(k, curve)
+        end = curve.tips(np.array([item.tip.domain[1]]))[0]
+        begin = curve.tips(np.array([item.tip.domain[0]]))[0]
+        for tip, wanted, line in ((self._starts[group[0]], begin, group[0]), (motions["tip"][-1], end, group[-1])):
+            if not np.linalg.norm(tip - wanted) <= self._cell.chord_tolerance_mm:
+                self._worst.note(
+                    int(self._motions["line"][line]), f"{place} does not run from its beginning to its end"
+                )
+        self._outputs(group, operation, item, curve)
+
+    def _rows(self, group: Ints) -> tuple[Floats, Floats]:
+        """Arc lengths at which motions begin and end."""
+        table = self._program.table
+        lines, firsts = self._motions["line"][group], self._motions["first_line"][group]
+        return table["arc_start_mm"][firsts], table["arc_end_mm"][lines]
+
+    def _straight(self, group: Ints, curve: PassCurve, item: Pass) -> None:
+        starts, ends = self._rows(group)
+        tip0, tip1 = self._starts[group], self._motions["tip"][group]
+        axis0, axis1 = self._start_axes[group], self._ends[group]
+        way = np.linalg.norm(tip1 - tip0, axis=1)
+        moves = way > _ROUNDING_MM
+        for share in _SHARES:
+            tip = tip0 + share * (tip1 - tip0)
+            axis = axis0 + share * (axis1 - axis0)
+            axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
+            arc = starts + share * (ends - starts)
+            at = curve.at_arc_length(arc)
+            along = np.einsum("ij,ij->i", tip - curve.tips(at), tip1 - tip0) / np.maximum(way, 1e-9)
+            nearer = curve.at_arc_length(np.clip(arc + np.where(moves, along, 0.0), 0.0, curve.length_mm))
+            off = np.minimum(
+                np.linalg.norm(tip - curve.tips(at), axis=1), np.linalg.norm(tip - curve.tips(nearer), axis=1)
+            )
+            turned = np.minimum(angle_between_deg(axis, curve.axes(at)), angle_between_deg(axis, curve.axes(nearer)))
+            self._take(group, off, turned)
+
+    def _curve(self, k: int, curve: PassCurve) -> None:
+        """A NURBS at places that fix all its polynomial pieces, each compared with the pass at the same parameter."""
+        read = self._reading.curves[int(self._motions["curve"][k])]
+        starts, ends = self._rows(np.array([k]))
+        low, high = curve.source.tip.domain
+        begin, end = curve.at_arc_length(np.concatenate([starts, ends])).tolist()
+        begin = low if starts[0] <= _SAME_ARC_MM else begin
+        end = high if curve.length_mm - ends[0] <= _SAME_ARC_MM else end
+        shares = read.shares(_PER_SPAN)
+        tips, second = read.points(shares)
+        at = np.clip(begin + shares * (end - begin), low, high)
+        if second is None:
+            axes = np.tile(self._start_axes[k], (len(at), 1))
+        else:
+            axes = (second - tips) / np.linalg.norm(second - tips, axis=1, keepdims=True)
+        off = np.linalg.norm(tips - curve.tips(at), axis=1)
+        if np.linalg.norm(tips[0] - self._starts[k]) > _ROUNDING_MM:
+            self._worst.note(int(self._motions["line"][k]), "a NURBS does not begin where the tool stands")
+        self._take(np.array([k]), off[None, :].max(axis=1), angle_between_deg(axes, curve.axes(at)).max(keepdims=True))
+
+    def _take(self, group: Ints, off: Floats, turned: Floats) -> None:
+        off, turned = np.nan_to_num(off, nan=1e9), np.nan_to_num(turned, nan=180.0)
+        self._worst.tip_mm = max(self._worst.tip_mm, float(off.max()))
+        self._worst.axis_deg = max(self._worst.axis_deg, float(turned.max()))
+        wide = np.flatnonzero((off > self._cell.chord_tolerance_mm) | (turned > self._cell.axis_tolerance_deg))
+        for k in wide[:1]:
+            line = int(self._motions["line"][group[k]])
+            self._worst.note(line, f"{off[k]:.4f} mm and {turned[k]:.4f} deg off the pass")
+
+    def _outputs(self, group: Ints, operation: Operation, item: Pass, curve: PassCurve) -> None:
+        motions = self._motions[group]
+        starts, ends = self._rows(group)
+        middle = 0.5 * (starts + ends)
+        row = np.searchsorted(curve.set_point_arcs, middle + _SAME_ARC_MM, side="right") - 1
+        planned = item.setpoints[row]
+        moves = ends - starts > _SAME_ARC_MM
+        if not item.rapid:
+            ratio = motions["feed_mm_min"] / (60.0 * planned[:, 1])
+            self._worst.feed_ratio = max(self._worst.feed_ratio, float(np.max(ratio[moves], initial=0.0)))
+            self._fault(motions, moves & (np.abs(ratio - 1.0) > _FEED_SLACK), "the feed is not the plan's")
+            self._fault(motions, moves & (motions["how"] == How.RAPID), "a pass at feed goes at rapid")
+        is_deposit = operation.process.is_deposit
+        emits = (planned[:, 2] > 0.0) & (not item.is_link) & is_deposit
+        self._fault(motions, moves & ((motions["gate"] > 0.0) != emits), "the laser's gate is not as planned")
+        for column, level in ((2, 0), (3, 1), (4, 3)):
+            wrong = np.abs(motions["levels"][:, level] - planned[:, column]) > _LEVEL_SLACK
+            self._fault(motions, moves & emits & wrong, "laser, powder or gas are not as planned")
+        self._fault(motions, moves & emits & (motions["mode"] != 1.0), "not in the mode that deposits")
+        if not is_deposit:
+            self._fault(motions, motions["rpm"] != round(operation.spindle_rpm), "the spindle does not turn as planned")
+        self._fault(motions, motions["tool"] != tool_for(operation, self._cell).number, "another tool is in")
+        kind = LineKind.LINK if item.is_link else LineKind.PROCESS
+        self._fault(motions, self._program.table["kind"][motions["line"]] != kind, "the line table calls it otherwise")
+
+    def _fault(self, motions: NDArray[np.void], wrong: NDArray[np.bool_], because: str) -> None:
+        for k in np.flatnonzero(wrong)[:1]:
+            self._worst.note(int(motions["line"][k]), because)
+
+
+def compare(
+    reading: Reading, program: Program, posted: Mapping[int, Operation], cell: Cell, chain: Chain
+) -> RereadReport:
+    """How far a program's motions are from the Plan as posted, at quarters of straight moves and densely along NURBS.
+
+    posted : operations by number, with the axes that they are run with   chain : that of the placement
+    """
+    return _Checker(reading, program, posted, cell, chain).report()
