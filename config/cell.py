@@ -6,11 +6,11 @@ import hashlib
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from config.base import ConfigError, Facts, Finite, NotNegative, Positive, Vector3, find_facts, read_facts
 from config.machine import MachineGeometry, ProofLimits
-from config.macros import DialectName, Macros
+from config.macros import DialectName, Macros, check_real_time
 
 Letter = Literal["X", "Y", "Z", "A", "B", "C"]
 
@@ -266,6 +266,12 @@ class Cell(Facts):
     def axis(self, letter: str) -> Axis:
         """Axis by letter. Raises KeyError."""
         return next(axis for axis in self.axes if axis.letter == letter) if letter in self.letters else _no_axis(letter)
+
+    @field_validator("macros")
+    @classmethod
+    def _nothing_acts_on_the_way(cls, macros: dict[DialectName, Macros]) -> dict[DialectName, Macros]:
+        check_real_time(macros)
+        return macros
 
     @model_validator(mode="after")
     def _consistent(self) -> Cell:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from string import Formatter
 from typing import Literal
 
@@ -30,6 +31,7 @@ VALUES: dict[str, frozenset[str]] = {
 axis_deg: how far it may leave the axis."""
 
 _PRINTABLE = re.compile(r"[ -~]+")
+_REAL_TIME = re.compile(r"[?!~]")
 _TOOL_WORD = re.compile(r"(?:T|TOOL CALL |LOADTL/)\{tool\}")
 
 
@@ -66,6 +68,14 @@ class Macros(Facts):
         if self.tool_change and not any(_TOOL_WORD.search(line) for line in self.tool_change):
             raise ValueError("tool_change: no line has T{tool} (or TOOL CALL {tool}, LOADTL/{tool}): nobody could tell which tool is in")
         return self
+
+
+def check_real_time(macros: Mapping[DialectName, Macros]) -> None:
+    """Raise ValueError if a line for grblHAL has a character that acts as it arrives: ? status, ! hold, ~ resume (grbl 1.1, real-time commands)."""
+    for name, lines in (macros["grblhal"] if "grblhal" in macros else Macros()).model_dump().items():
+        for line in lines or ():
+            if found := _REAL_TIME.search(line):
+                raise ValueError(f"grblhal.{name}: {line!r} has {found[0]!r}, which grblHAL takes out of the line as a command of its own")
 
 
 def _check_line(name: str, line: str, known: frozenset[str]) -> None:
