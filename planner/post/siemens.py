@@ -16,7 +16,7 @@ from config.macros import DialectName, Macros
 
 from planner.post.tcp_blocks import Blocks, Command, Say, What
 from planner.post.tcp_pass import Control
-from planner.post.tcp_text import Bools, Texts, changed, joined, machine_edges, words
+from planner.post.tcp_text import Bools, Rows, Texts, changed, joined, machine_edges, speaks_anew, words
 from planner.post.tcp_words import Vocabulary
 
 CONTROL = Control(
@@ -28,6 +28,7 @@ CONTROL = Control(
     has_unit_start=True,
     decimals=4,
 )
+POINT = ""
 NAME: DialectName = "siemens"
 COMMENT = "; {text}"
 MACROS = Macros(
@@ -89,7 +90,7 @@ def _moves(blocks: Blocks, vocabulary: Vocabulary) -> Texts:
     what = rows["what"]
     machine, pole, start = what == What.MACHINE, what == What.POLE, what == What.START
     moves = what != What.COMMAND
-    anew = machine | _tool_changes(blocks)
+    anew = machine | speaks_anew(blocks)
     columns = [_modes(rows["turns"], what, moves, anew)]
     codes = np.select([machine, what == What.RAPID, pole], [0, 0, 2], default=1)
     code_says = changed(codes.astype(np.float64), 0, moves, np.zeros(len(what), dtype=np.bool_)) | start | machine
@@ -109,7 +110,7 @@ def _moves(blocks: Blocks, vocabulary: Vocabulary) -> Texts:
     return joined(columns)
 
 
-def _rational(rows: np.ndarray[tuple[int], np.dtype[np.void]], start: Bools) -> Bools:
+def _rational(rows: Rows, start: Bools) -> Bools:
     """(n,) bool: poles of a NURBS in which a weight is not 1."""
     curve = np.cumsum(start)
     weighted = np.zeros(int(curve[-1]) + 1 if len(curve) else 1, dtype=np.bool_)
@@ -125,15 +126,7 @@ def _modes(turns: Bools, what: np.ndarray[tuple[int], np.dtype[np.uint8]], moves
     return names
 
 
-def _tool_changes(blocks: Blocks) -> Bools:
-    index = blocks.rows["command"]
-    changes = np.array([command.say in (Say.TOOL, Say.BEGIN) for command in blocks.commands], dtype=np.bool_)
-    return np.asarray((index >= 0) & changes[index])
-
-
-def _position_words(
-    rows: np.ndarray[tuple[int], np.dtype[np.void]], what: np.ndarray[tuple[int], np.dtype[np.uint8]], anew: Bools
-) -> list[Texts]:
+def _position_words(rows: Rows, what: np.ndarray[tuple[int], np.dtype[np.uint8]], anew: Bools) -> list[Texts]:
     """X Y Z: of poles all, with more decimals; of others those that change."""
     straight = (what == What.LINE) | (what == What.RAPID)
     curved = (what == What.START) | (what == What.POLE)
@@ -151,9 +144,7 @@ def _after_curve(curved: Bools) -> Bools:
     return np.append(False, curved[:-1])
 
 
-def _axis_words(
-    rows: np.ndarray[tuple[int], np.dtype[np.void]], what: np.ndarray[tuple[int], np.dtype[np.uint8]], anew: Bools
-) -> list[Texts]:
+def _axis_words(rows: Rows, what: np.ndarray[tuple[int], np.dtype[np.uint8]], anew: Bools) -> list[Texts]:
     """A3 B3 C3, unit vector, where it changes; XH YH ZH, the second point, at the poles of a turning axis."""
     tip_moves = (what != What.COMMAND) & (what != What.MACHINE)
     turns = rows["turns"] & tip_moves
@@ -165,9 +156,7 @@ def _axis_words(
     return columns
 
 
-def _machine_words(
-    rows: np.ndarray[tuple[int], np.dtype[np.void]], machine: Bools, vocabulary: Vocabulary
-) -> list[Texts]:
+def _machine_words(rows: Rows, machine: Bools, vocabulary: Vocabulary) -> list[Texts]:
     """All axes, in machine coordinates."""
     return [
         words(letter, rows["joints"][:, k], CONTROL.decimals, machine) for k, letter in enumerate(vocabulary.letters)

@@ -15,7 +15,7 @@ from config.macros import VALUES, Macros
 from planner.kinematics.chain import Chain
 from planner.kinematics.timing import predicted_times
 from planner.plan import Operation
-from planner.post import read_siemens, siemens
+from planner.post import fanuc, read_fanuc, read_siemens, siemens
 from planner.post.assemble import Assembly
 from planner.post.header import About, header_texts
 from planner.post.macros import MacroBook
@@ -34,9 +34,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-WRITERS: Mapping[str, ModuleType] = {"siemens": siemens}
+WRITERS: Mapping[str, ModuleType] = {"siemens": siemens, "fanuc": fanuc}
 """Five-axis controls: name of the dialect -> its words."""
-READERS: Mapping[str, Callable[[Sequence[str], Sequence[str], Signals], Reading]] = {"siemens": read_siemens.read}
+READERS: Mapping[str, Callable[[Sequence[str], Sequence[str], Signals], Reading]] = {
+    "siemens": read_siemens.read,
+    "fanuc": read_fanuc.read,
+}
 """Their readers, which share nothing with the writers."""
 
 _LEAST_DWELL_S = 0.01
@@ -82,7 +85,8 @@ def _vocabulary(writer: ModuleType, sequencer: Sequencer, about: About, frame: F
         box_mm=(tuple(corners.min(axis=0).tolist()), tuple(corners.max(axis=0).tolist())),
         smoothing_mm=path_mm,
         smoothing_deg=axis_deg,
-        rotary=tuple(joint.column for joint in sequencer.chain.rotary),
+        rotary=tuple(k for k, axis in enumerate(cell.axes) if axis.kind == "rotary"),
+        point=writer.POINT,
     )
 
 

@@ -157,18 +157,16 @@ class Builder:
                 self._say(item, Command(Say.LEVEL, laser_w, channel=Channel.LASER_W))
                 self._laser_w = laser_w
             self._flush(said, start + _SHORTEST_MM)
-            blocks = self._stretch(curve, (start, stop), (first, last), 60.0 * feed)
+            blocks = self._stretch(curve, (start, stop), arcs, 60.0 * feed)
             self._placed_on_tape(blocks, item, arcs, clock, joints)
         self._flush(said, np.inf)
 
-    def _stretch(
-        self, curve: PassCurve, arcs: tuple[float, float], whole: tuple[float, float], feed: float
-    ) -> NDArray[np.void]:
-        """Blocks of the pass between two arc lengths; whole : those where the pass begins and ends on the tape."""
+    def _stretch(self, curve: PassCurve, arcs: tuple[float, float], tape_arcs: Floats, feed: float) -> NDArray[np.void]:
+        """Blocks of the pass between two arc lengths; tape_arcs : ends of the tape's own moves."""
         low, high = curve.source.tip.domain
         start, end = curve.at_arc_length(np.array(arcs)).tolist()
-        start = low if arcs[0] == whole[0] and arcs[0] <= _SAME_ARC_MM else start
-        end = high if arcs[1] == whole[1] and curve.length_mm - arcs[1] <= _SAME_ARC_MM else end
+        start = low if arcs[0] <= _SAME_ARC_MM else start
+        end = high if curve.length_mm - arcs[1] <= _SAME_ARC_MM else end
         cell, frame = self._job.cell, self._job.frame
         made: list[Spline] = []
         if not curve.source.rapid:
@@ -176,6 +174,11 @@ class Builder:
         if made:
             return np.concatenate([_spline_blocks(item, curve, feed) for item in made])
         at = straight(curve, start, end, cell.chord_tolerance_mm, cell.axis_tolerance_deg)
+        if self._control.tells_rotary and not curve.has_constant_axis:
+            own = curve.at_arc_length(
+                tape_arcs[(tape_arcs > arcs[0] + _SHORTEST_MM) & (tape_arcs < arcs[1] - _SHORTEST_MM)]
+            )
+            at = np.unique(np.concatenate([at, own]))
         blocks = np.zeros(len(at) - 1, BLOCK_DTYPE)
         blocks["what"] = What.RAPID if curve.source.rapid else What.LINE
         tips, axes, reached = curve.tips(at), curve.axes(at), curve.arc_length(at)

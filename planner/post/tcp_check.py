@@ -82,13 +82,9 @@ class _Checker:
         """Where each motion begins: tips and axes, workpiece; machine moves by the forward kinematics."""
         motions = self._motions
         tips, axes = motions["tip"].copy(), motions["axis"].copy()
-        rotary = [joint.column for joint in self._chain.rotary]
         lengths = {tool.number: np.array(tool.tip_mm) for tool in self._cell.tools}
-        told = np.flatnonzero(np.isfinite(motions["rotary"][:, 0]) & (motions["how"] != How.MACHINE))
-        if told.size:
-            joints = np.zeros((len(told), len(self._cell.axes)))
-            joints[:, rotary] = motions["rotary"][told]
-            axes[told] = self._chain.forward(joints, np.zeros(3))[1]
+        told = np.isfinite(motions["rotary"]).all(axis=1) & (motions["how"] != How.MACHINE)
+        axes[told] = self._axes_of(motions["rotary"][told])
         for index, words in self._reading.joints.items():
             joints = np.array([[words[letter] for letter in self._cell.letters]])
             after = int(motions["tool"][index : index + 2][-1])  # a change of tool moves nothing but the tip
@@ -102,6 +98,22 @@ class _Checker:
         axes = axes[last]
         self._ends = axes
         return np.vstack([tips[:1], tips[:-1]]), np.vstack([axes[:1], axes[:-1]])
+
+    def _axes_of(self, rotary: Floats) -> Floats:
+        """(n, 3) axes of rotary positions (n, 2), deg."""
+        joints = np.zeros((len(rotary), len(self._cell.axes)))
+        joints[:, [k for k, axis in enumerate(self._cell.axes) if axis.kind == "rotary"]] = rotary
+        return self._chain.forward(joints, np.zeros(3))[1]
+
+    def _between(self, group: Ints, share: float) -> Floats:
+        """(n, 3) axes at a share of the motions: rotary axes go evenly where the control is told them, else the axis turns in a plane."""
+        axis = self._start_axes[group] + share * (self._ends[group] - self._start_axes[group])
+        axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
+        rotary = self._motions["rotary"]
+        before = rotary[np.maximum(group - 1, 0)]
+        told = np.isfinite(before).all(axis=1) & np.isfinite(rotary[group]).all(axis=1)
+        axis[told] = self._axes_of(before[told] + share * (rotary[group][told] - before[told]))
+        return axis
 
     def _pass(self, group: Ints, number: int, index: int) -> None:
         operation = self._posted[number]
@@ -132,13 +144,11 @@ class _Checker:
     def _straight(self, group: Ints, curve: PassCurve, item: Pass) -> None:
         starts, ends = self._rows(group)
         tip0, tip1 = self._starts[group], self._motions["tip"][group]
-        axis0, axis1 = self._start_axes[group], self._ends[group]
         way = np.linalg.norm(tip1 - tip0, axis=1)
         moves = way > _ROUNDING_MM
         for share in _SHARES:
             tip = tip0 + share * (tip1 - tip0)
-            axis = axis0 + share * (axis1 - axis0)
-            axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
+            axis = self._between(group, float(share))
             arc = starts + share * (ends - starts)
             at = curve.at_arc_length(arc)
             along = np.einsum("ij,ij->i", tip - curve.tips(at), tip1 - tip0) / np.maximum(way, 1e-9)

@@ -27,7 +27,9 @@ class Control:
     """What a five-axis control takes.
 
     degrees : of its NURBS, none: straight moves only   takes_axis_splines : the axis may follow a NURBS on the same knots
-    weight_step, weight_max : of weights   has_unit_start : the first pole has weight 1   decimals : of positions   takes_machine_moves : positions of the axes themselves
+    weight_step, weight_max : of weights   has_unit_start : the first pole has weight 1   decimals : of positions
+    takes_machine_moves : positions of the axes themselves   tells_rotary : rotary positions say how the tool stands, so that straight moves end
+    where those of the tape do
     """
 
     dialect: str
@@ -38,6 +40,7 @@ class Control:
     has_unit_start: bool = False
     decimals: int = 4
     takes_machine_moves: bool = True
+    tells_rotary: bool = False
 
 
 @dataclass(frozen=True)

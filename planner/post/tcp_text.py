@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.post.tcp_blocks import Blocks, What
+from planner.post.tcp_blocks import Blocks, Say, What
 from planner.program import LINE_DTYPE
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
+Rows = NDArray[np.void]
 Texts = list[str]
 """One text per block; empty where the block has no such word."""
 
@@ -81,11 +82,11 @@ def laid_out(
     build_from_workpiece: Callable[[Floats], Floats],
     rotation: Floats,
 ) -> Written:
-    """The lines of all blocks, numbered, and their table; of a block of several lines the last one moves.
+    """The lines of all blocks, numbered, and their table; of a block of several lines the last one moves. One text more closes the program.
 
     rotation : (3, 3) float, workpiece from build, for the axes
     """
-    rows = blocks.rows
+    rows = blocks.rows if len(texts) == len(blocks.rows) else np.append(blocks.rows, _last(blocks.rows))
     lines: Texts = []
     counts = np.ones(len(rows), dtype=np.int64)
     for i, text in enumerate(texts):
@@ -111,9 +112,18 @@ def laid_out(
     return Written(tuple(number(lines)), table, rows["item"][of_line].astype(np.int64))
 
 
-def is_motion(blocks: Blocks) -> Bools:
-    """(n,) bool."""
-    return np.asarray(blocks.rows["what"] != What.COMMAND)
+def _last(rows: Rows) -> Rows:
+    """A row that stands where the last one ended."""
+    row = rows[-1:].copy()
+    row["time_s"], row["arc_start_mm"] = 0.0, row["arc_end_mm"]
+    return row
+
+
+def speaks_anew(blocks: Blocks) -> Bools:
+    """(n,) bool: commands behind which every word is said again: the beginning and changes of the tool."""
+    index = blocks.rows["command"]
+    changes = np.array([command.say in (Say.TOOL, Say.BEGIN) for command in blocks.commands], dtype=np.bool_)
+    return np.asarray((index >= 0) & changes[index])
 
 
 def machine_edges(blocks: Blocks) -> tuple[Bools, Bools]:

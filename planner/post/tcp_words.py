@@ -20,7 +20,7 @@ class Vocabulary:
     book : macros of the cell, or the dialect's own   header : lines of text for the program's start   letters : of the axes
     output : number of the gate's output   rapid_mm_min : of the slowest linear axis   name : of the program, letters and digits
     box_mm : least and greatest corner of the part, workpiece   smoothing_mm, smoothing_deg : what the control may round
-    rotary : columns of the two rotary joints
+    rotary : columns of the two rotary axes   point : what whole numbers end with
     """
 
     book: MacroBook
@@ -33,6 +33,7 @@ class Vocabulary:
     smoothing_mm: float
     smoothing_deg: float
     rotary: tuple[int, ...]
+    point: str = ""
 
     def said(self, command: Command) -> list[str]:
         """Lines of a tool change, an output, a mode or the end. Raises PostError if a macro asks for what there is not."""
@@ -41,10 +42,10 @@ class Vocabulary:
         if command.say == Say.GATE:
             return list(self.book.lines("gate_on" if command.value > 0.0 else "gate_off", output=str(self.output)))
         if command.say == Say.MODE:
-            return list(self.book.lines("mode", mode=f"{command.value:.0f}"))
+            return list(self.book.lines("mode", mode=f"{command.value:.0f}{self.point}"))
         if command.say == Say.LEVEL:
             assert command.channel is not None
-            return list(self.book.lines(Channel(command.channel).name.lower(), value=plain(command.value)))
+            return list(self.book.lines(Channel(command.channel).name.lower(), value=plain(command.value, self.point)))
         return list(self.book.lines("end"))
 
     def opening(self) -> list[str]:
@@ -52,6 +53,7 @@ class Vocabulary:
         return [*self.book.lines("start"), *self.book.lines("home")]
 
 
-def plain(value: float) -> str:
-    """A level with three decimals at most, no exponent: 1200, 12.5."""
-    return f"{value:.3f}".rstrip("0").rstrip(".")
+def plain(value: float, point: str = "") -> str:
+    """A level with three decimals at most, no exponent: 1200, 12.5; point : what whole numbers end with."""
+    text = f"{value:.3f}".rstrip("0")
+    return text[:-1] + point if text.endswith(".") else text
