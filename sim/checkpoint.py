@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -33,6 +34,7 @@ FOLDER_BYTES_MAX = 1 << 30  # of all checkpoints in one folder
 CHAIN_MAX = 4096  # files that one state is put together from
 FILE_BYTES_MAX = 1 << 31  # unpacked: what claims to be larger is damaged
 DIRECTORY = "directory"  # array that says where the rows of its neighbours belong: rows are told apart by place, not by number
+COMMENT = re.compile(r"\([^)\n]*\)")  # does nothing: a header that tells the plan's hash and time leaves the run as it is
 
 Arrays = dict[str, NDArray[Any]]
 Say = Callable[[str], None]
@@ -272,7 +274,7 @@ class Prefix:
         waits = set(entry_lines[schedule["barrier"] == 1].tolist())
         for begin in begins:
             upto = int(np.searchsorted(entry_lines, begin, side="left"))
-            self._add("\n".join(lines[done : begin - 1]).encode())
+            self._add(COMMENT.sub("", "\n".join(lines[done : begin - 1])).encode())
             self._add(b"".join(table[name][done : begin - 1].astype("<i8").tobytes() for name in ("kind", "layer", "operation")))
             self._add(schedule[entry:upto].tobytes())
             self._add(bytes([begin in waits]))

@@ -122,10 +122,20 @@ def _standing(items: NDArray[np.void], rows: Ints, is_remark: Bools) -> NDArray[
     return extra
 
 
+def _lengthen_arcs(items: NDArray[np.void]) -> None:
+    """Give arcs the length of the circle, not of the chord, as their way: sweep / 2 over its sine as long."""
+    arcs = np.flatnonzero(items["bulge"] != 0.0)
+    half = 2.0 * np.arctan(items["bulge"][arcs])
+    before = items["joints"][np.maximum(arcs - 1, 0)]
+    chord = np.linalg.norm(items["joints"][arcs] - before, axis=1)
+    items["way"][arcs] = chord * half / np.sin(half)
+
+
 def _moving(items: NDArray[np.void], words: Words) -> tuple[NDArray[np.void], Ints]:
     """Items with rounded joints, without moves that do not move; and which item each was."""
     counts = words.counts(items["joints"])
     items = items.copy()
+    _lengthen_arcs(items)
     items["joints"] = words.joints(counts)
     moves = np.append(True, np.any(np.diff(counts, axis=0) != 0, axis=1))
     is_kept = moves | (items["move"] == Move.NONE) | (items["named"] != 0)
