@@ -25,6 +25,18 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 PART = "part"
+PART_MM = 0.5
+"""How exactly the points of the part tell where its metal ends: half of a bead's rounding and of their pitch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Least:
+    """Where two things came nearest.  mm : less than 0 how deep   place : (3,) mm, build frame   why : one line"""
+
+    pair: tuple[str, str]
+    mm: float
+    place: Floats
+    why: str
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,7 @@ class Guard:
         self._bodies = self._all_bodies()
         self._mountings: dict[tuple[int, bool], _Mounted] = {}
         self._layers = {layer.index: layer for layer in plan.layers}
+        self._least: dict[tuple[str, str], Least] = {}
         self._step = 0
         self._taken = np.empty(0, dtype=np.int64)
 
@@ -90,6 +103,25 @@ class Guard:
             tool.kind != "deposition", float(limit_mm),
         )  # fmt: skip
         return Clearance(*found, there.names)
+
+    def hits(self, found: Clearance) -> Bools:
+        """(n,) bool: poses in which something is hit: bodies are deeper in each other than contact, or in the part than its points tell."""
+        is_part = np.array([*(pair[1] == PART for pair in found.names), False])[found.pairs]
+        return np.asarray(found.mm < np.where(is_part, -max(PART_MM, self.contact_mm), -self.contact_mm))
+
+    def note(self, found: Clearance) -> None:
+        """Keep the least clearances of what is really run, for `least`."""
+        for number in np.unique(found.pairs[found.pairs >= 0]):
+            rows = np.flatnonzero(found.pairs == number)
+            row = int(rows[np.argmin(found.mm[rows])])
+            pair, gap = found.names[int(number)], float(found.mm[row])
+            if pair not in self._least or gap < self._least[pair].mm:
+                self._least[pair] = Least(pair, gap, found.place(row), found.why(row))
+
+    @property
+    def least(self) -> tuple[Least, ...]:
+        """What came nearest to what along all that was noted, the nearest first; what stayed farther than was asked is not there."""
+        return tuple(sorted(self._least.values(), key=lambda item: item.mm))
 
     def begin(self, operation: Operation) -> None:
         """What an operation is going to cut counts as gone by the pass that cuts it."""

@@ -17,6 +17,7 @@ FEED_MM_S, LASER_W, POWDER, GAS = 12.0, 1200.0, 12.0, 15.0
 HEIGHT_MM, RADIUS_MM, LEAD_MM = 0.8, 20.0, 2.0
 CLEAR_MM = 6.0
 LEAN_DEG = 20.0
+FOOT_MM = 1.4  # of a cone over the plate: the leaning cutter's edge stays out of it
 WAYS = ((-10.0, -4.0), (-10.0, 0.0), (-10.0, 4.0))
 
 
@@ -75,11 +76,11 @@ def cone_operation(
     layer: int, radius: float = 24.0, lean_deg: float = LEAN_DEG, turns: int = 1, diameter: float = 8.0
 ) -> Operation:
     """Side milling round a cone with the axis on its rulings, once or several times round, reached along the axis."""
-    tip = circle(radius, 0.0)
+    tip = circle(radius, FOOT_MM)
     axis = cone_axis(tip, lean_deg)
     first = axis.evaluate([axis.domain[0]])[0]
     first = first / np.linalg.norm(first)
-    start = np.array([radius, 0.0, 0.0])
+    start = np.array([radius, 0.0, FOOT_MM])
     far = start + 12.0 * first
     passes: list[Pass] = []
     for _ in range(turns):
