@@ -80,7 +80,7 @@ def speed_profile(joints: Floats, way_mm: Floats, asked_mm_s: Floats, limits: Ax
     |q''' v3 + 3 q'' v a + q' j| <= jerk, derivatives by divided differences; O(n). Source: time scaling of paths as in
     Verscheure et al., IEEE TAC 54 (2009) 2318 (squared speed over the way); the two sweeps keep acceleration and its growth.
     """
-    first, second, third = derivatives(joints, way_mm)
+    first, second, third = derivatives(joints, way_mm, _JERK_S * asked_mm_s)
     held, limiting = _held(first, second, third, asked_mm_s, limits)
     if (held >= asked_mm_s).all() and np.ptp(asked_mm_s) <= 1e-9 * asked_mm_s[0]:
         return SpeedProfile(way_mm, np.full(len(way_mm), asked_mm_s[0]), np.arange(len(asked_mm_s)), limiting)
@@ -146,8 +146,11 @@ def _window_max(values: Floats, low: Ints, high: Ints) -> Floats:
     return result
 
 
-def derivatives(joints: Floats, way_mm: Floats) -> tuple[Floats, Floats, Floats]:
-    """First (n - 1, 5), second and third (n, 5) derivatives of the joints over the way; corners and ends have no second and third ones."""
+def derivatives(joints: Floats, way_mm: Floats, meant_mm: Floats) -> tuple[Floats, Floats, Floats]:
+    """First (n - 1, 5), second and third (n, 5) derivatives of the joints over the way; corners and ends have no second and third ones.
+
+    meant_mm : (n - 1,) float, third derivatives are meant over no less
+    """
     step = np.diff(way_mm)[:, None]
     first = np.diff(joints, axis=0) / step
     second, third = np.zeros_like(joints), np.zeros_like(joints)
@@ -158,7 +161,7 @@ def derivatives(joints: Floats, way_mm: Floats) -> tuple[Floats, Floats, Floats]
     smooth = np.concatenate([[False], cosine > _CORNER_COSINE, [False]])
     second[1:-1] = 2.0 * np.diff(first, axis=0) / (step[1:] + step[:-1])
     second[~smooth] = 0.0
-    between = np.diff(second, axis=0) / step
+    between = np.diff(second, axis=0) / np.maximum(step, meant_mm[:, None])
     between[~(smooth[1:] & smooth[:-1])] = 0.0
     larger = np.abs(between[1:]) > np.abs(between[:-1])
     third[1:-1] = np.where(larger, between[1:], between[:-1])

@@ -10,6 +10,8 @@ from planner.kinematics.chain import Floats
 
 JUNCTION_DEVIATION = 0.01
 """mm (or deg where rotary joints move): grblHAL's default of $11, how far a corner may be cut."""
+ARC_TOLERANCE_MM = 0.002
+"""grblHAL's default of $12: how far the straight pieces into which the control cuts an arc leave it."""
 
 
 def axis_limited_times(moves: Floats, times: Floats, max_velocity: Floats) -> Floats:
@@ -26,14 +28,23 @@ def predicted_times(
     stops: NDArray[np.bool_],
     max_acceleration: Floats,
     deviation: float = JUNCTION_DEVIATION,
+    bulge: Floats | None = None,
+    plane: tuple[int, int] = (0, 1),
 ) -> Floats:
     """(n,) float, s: time of each block when the machine accelerates, brakes and looks ahead.
 
     moves : (n, 5) float, mm or deg, zero for lines without motion   times : (n,) float, s, nominal (for lines without motion: their own)
     stops : (n,) bool, the machine stands before this line   max_acceleration : (5,) float, mm/s2 or deg/s2
+    bulge : (n,) float, tan(sweep / 4) of arcs in the `plane` (two columns), 0: straight; the control cuts them into chords
     Path speed is taken in joint space, mm and degrees alike, as the firmware does; corners by junction deviation.
     Source: grbl 1.1 planner.c (junction deviation, S. Jeon 2011), trapezoids by the kinematic equations.
     """
+    if bulge is not None and np.any(bulge != 0.0):
+        pieces, line = arc_pieces(moves, bulge, plane)
+        count = np.bincount(line, minlength=len(moves))
+        first = np.append(True, np.diff(line) != 0)
+        each = predicted_times(pieces, (times / count)[line], stops[line] & first, max_acceleration, deviation)
+        return np.asarray(np.bincount(line, each, len(moves)), dtype=np.float64)
     length = np.sqrt(np.einsum("ij,ij->i", moves, moves))
     is_motion = length > 0.0
     at = np.flatnonzero(is_motion)
@@ -44,13 +55,40 @@ def predicted_times(
     cruise = length[at] / np.maximum(times[at], 1e-9)
     with np.errstate(divide="ignore"):
         acceleration = np.min(np.where(unit == 0.0, np.inf, max_acceleration / np.abs(unit)), axis=1)
-    stood = np.cumsum(stops | ~is_motion)
+    stood = np.cumsum(stops)
     stands = np.append(True, stood[at[1:]] > stood[at[:-1]])
     corner = _corner_speeds2(unit, max_acceleration, deviation)
     corner[stands] = 0.0
     entry = _entry_speeds(length[at], cruise, acceleration, corner)
     result[at] = _durations(length[at], cruise, acceleration, entry)
     return result
+
+
+def arc_pieces(
+    moves: Floats, bulge: Floats, plane: tuple[int, int], tolerance_mm: float = ARC_TOLERANCE_MM
+) -> tuple[Floats, NDArray[np.int64]]:
+    """(k, 5) moves with every arc cut into equal chords within the tolerance, and the line of each (k,).
+
+    moves : (n, 5) float, from start to end   bulge : (n,) float, counter-clockwise > 0 from the first to the second column of the plane
+    Source: grbl 1.1 motion_control.c.
+    """
+    sweep = 4.0 * np.arctan(bulge)
+    chord = np.hypot(moves[:, plane[0]], moves[:, plane[1]])
+    is_arc = (bulge != 0.0) & (chord > 0.0)
+    half = np.where(is_arc, np.abs(np.sin(0.5 * sweep)), 1.0)
+    radius = np.where(is_arc, 0.5 * chord / half, 1.0)
+    step = 2.0 * np.arccos(np.clip(1.0 - tolerance_mm / radius, 0.0, 1.0))
+    count = np.where(is_arc, np.maximum(np.ceil(np.abs(sweep) / np.maximum(step, 1e-9)), 1), 1).astype(np.int64)
+    line = np.repeat(np.arange(len(moves)), count)
+    within = np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count)
+    pieces = moves[line] / count[line][:, None]
+    of_arc = is_arc[line]
+    at = line[of_arc]
+    turn = sweep[at] / count[at]
+    heading = np.arctan2(moves[at, plane[1]], moves[at, plane[0]]) - 0.5 * sweep[at] + (within[of_arc] + 0.5) * turn
+    piece = 2.0 * radius[at] * np.abs(np.sin(0.5 * turn))
+    pieces[of_arc, plane[0]], pieces[of_arc, plane[1]] = piece * np.cos(heading), piece * np.sin(heading)
+    return pieces, line
 
 
 def _corner_speeds2(unit: Floats, max_acceleration: Floats, deviation: float) -> Floats:

@@ -19,6 +19,7 @@ from planner.post.header import About
 from planner.post.reread import RereadReport, check, verify
 from planner.post.room import check_room, table_from_build
 from planner.post.sequence import Counts, Sequencer
+from planner.post.slowing import SpeedReport, speed_report
 from planner.post.tcp import read_back, write_tcp
 from planner.post.tools import tool_for
 from planner.process import block_allowance_mm
@@ -32,6 +33,7 @@ class PostReport:
 
     reread: RereadReport
     counts: Counts
+    speed: SpeedReport
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -39,12 +41,7 @@ class PostReport:
         told = [
             f"tip within {self.reread.max_tip_mm:.4f} mm, axis within {self.reread.max_axis_deg:.4f} deg of the plan"
         ]
-        if self.counts.slowed_blocks:
-            told.append(
-                f"{self.counts.slowed_blocks} moves slowed to what the controller takes per second (max_blocks_per_s)"
-            )
-        if self.counts.limited_blocks:
-            told.append(f"{self.counts.limited_blocks} moves slowed by an axis' velocity")
+        told += self.speed.lines
         if self.counts.positionings:
             told.append(f"{self.counts.positionings} times retracted and positioned where no link of the plan leads")
         return tuple(told)
@@ -82,7 +79,7 @@ def post_with_report(
     program = replace(_program(made, about, placed), cell_sha256=given.sha256)
     reread = check(program, plan, cell, chain, posted) if language else read_back(program, posted, cell, chain)
     verify(reread, cell)
-    return program, PostReport(reread, sequencer.counts)
+    return program, PostReport(reread, sequencer.counts, speed_report(sequencer, program))
 
 
 def _work_offset(about: About) -> Floats:

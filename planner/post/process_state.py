@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 from config.cell import Cell
 from planner.post.tape import Origin, Tape
 from planner.program import Channel
@@ -9,11 +11,25 @@ from planner.program import Channel
 MODE_SAFE, MODE_DEPOSIT, MODE_MILL = 0, 1, 2
 
 
+@dataclass(frozen=True)
+class Emission:
+    """A stretch with the laser's gate open, in items of the tape.
+
+    dark : from this item on the laser has been dark before it   begin, end : first item, one past the last
+    is_fresh : the first one since the laser's level was 0
+    """
+
+    dark: int
+    begin: int
+    end: int
+    is_fresh: bool
+
+
 class ProcessState:
     """Follows the set-points along the tape and records their changes.
 
-    The laser's level is left standing between passes (the gate decides emission) and powder flows on between passes of a
-    deposition, since it takes seconds to settle; both end with the mode.
+    The laser's level is left standing between passes (the gate decides emission; `tracking` sets it) and powder flows on between
+    passes of a deposition, since it takes seconds to settle; both end with the mode.
     """
 
     def __init__(self, tape: Tape, cell: Cell, carrier_gas_l_min: float) -> None:
@@ -22,7 +38,8 @@ class ProcessState:
         self._carrier_gas = carrier_gas_l_min
         self.mode = MODE_SAFE
         self.is_emitting = False
-        self._laser_w = 0.0
+        self.emissions: list[Emission] = []
+        self._is_fresh = True
         self._powder = 0.0
         self._shield_gas = 0.0
         self._dark_item = 0
@@ -37,7 +54,8 @@ class ProcessState:
         """Guarded change of mode before an item; levels start from nothing in every mode."""
         self._tape.schedule(Channel.MODE, mode, item, is_barrier=True)
         self.mode = mode
-        self._laser_w = self._powder = self._shield_gas = 0.0
+        self._powder = self._shield_gas = 0.0
+        self._is_fresh = True
         self._dark_item = item
         self._approach_item = None
 
@@ -59,12 +77,9 @@ class ProcessState:
 
     def set_points(self, laser_w: float, powder_g_min: float, shield_gas_l_min: float, origin: Origin) -> None:
         """Set-points of the moves that come next; a laser power above 0 emits."""
-        if laser_w > 0.0 and not self.is_emitting:
-            self.emit(origin, laser_w)
-        elif laser_w > 0.0 and laser_w != self._laser_w:
-            self._tape.schedule(Channel.LASER_W, laser_w, self._tape.count)
-            self._laser_w = laser_w
-        elif laser_w <= 0.0:
+        if laser_w > 0.0:
+            self.emit(origin)
+        else:
             self.darken(origin)
         if laser_w > 0.0 and powder_g_min != self._powder:
             self._tape.schedule(Channel.POWDER_G_MIN, powder_g_min, self._tape.count)
@@ -73,16 +88,17 @@ class ProcessState:
             self._tape.schedule(Channel.SHIELD_GAS_L_MIN, shield_gas_l_min, self._tape.count)
             self._shield_gas = shield_gas_l_min
 
-    def emit(self, origin: Origin, laser_w: float) -> None:
-        """Gate on with the next move; the level is set as early as the laser has been dark."""
-        if laser_w != self._laser_w:
-            self._tape.schedule(Channel.LASER_W, laser_w, self._dark_item)
-            self._laser_w = laser_w
-        self._gate(True, origin)
+    def emit(self, origin: Origin) -> None:
+        """Gate on with the next move. Harmless twice."""
+        if not self.is_emitting:
+            self._gate(True, origin)
+            self.emissions.append(Emission(self._dark_item, self._tape.count, self._tape.count, self._is_fresh))
+            self._is_fresh = False
 
     def darken(self, origin: Origin) -> None:
         """Gate off with the next move. Harmless twice."""
         if self.is_emitting:
+            self.emissions[-1] = replace(self.emissions[-1], end=self._tape.count)
             self._gate(False, origin)
             self._dark_item = self._tape.count
 

@@ -8,19 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.cell import Cell, Tool
+from config.material import load_material
 from planner.collide.guard import Guard
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.limits import check_travel, excess
-from planner.kinematics.timing import axis_limited_times
 from planner.plan import Operation, Pass, Plan
+from planner.post.clock import item_times, spin_up_s
 from planner.post.linearise import LinearOperation
 from planner.post.macros import END, START
 from planner.post.pass_curve import PassCurve
+from planner.post.pass_timing import PassTimer, Path, Way
 from planner.post.poses import SAME_POSE, PoseSolver
 from planner.post.positioning import Positioner
 from planner.post.process_state import MODE_DEPOSIT, MODE_MILL, MODE_SAFE, ProcessState
 from planner.post.reaching import reach_operation
 from planner.post.tape import Move, Origin, Tape
+from planner.post.watching import watch_moves
+from planner.post.tracking import ActualSpeed, actual_speed, tracked
 from planner.program import LineKind
 
 _SAME_ARC_MM = 1e-6
@@ -31,12 +35,9 @@ _STANDS_DEG = 1e-7
 class Counts:
     """What the sequence had to do beyond the Plan's own passes.
 
-    slowed_blocks : moves that were lengthened to what the controller takes per second
-    limited_blocks : moves that were slowed by an axis' velocity   positionings : retracts that the Plan has no link for, tool changes not counted
+    positionings : retracts that the Plan has no link for, tool changes not counted
     """
 
-    slowed_blocks: int = 0
-    limited_blocks: int = 0
     positionings: int = 0
 
 
@@ -56,8 +57,9 @@ class Sequencer:
         self.state = ProcessState(self.tape, self.cell, self.carrier_gas_l_min)
         self.guard = Guard(self.plan, self.cell, self.chain, self.placed)
         self.posted: dict[int, Operation] = {}
-        self._positioner = Positioner(self.chain, self.cell)
-        self._max_velocity = np.array([axis.max_velocity for axis in self.cell.axes])
+        self._positioner = Positioner(self.chain, self.cell, self.guard)
+        self.timer = PassTimer(self.cell)
+        self.speed: ActualSpeed | None = None
         self._spindle_rpm = 0.0
         self._layer_starts: dict[int, int] = {}
         self._solvers: dict[int, PoseSolver] = {}
@@ -73,6 +75,7 @@ class Sequencer:
         for number, operation in enumerate(self.plan.operations):
             self._operation(number, operation)
         self._finish()
+        self._follow_speed()
         return self.tape
 
     def _operation(self, number: int, operation: Operation) -> None:
@@ -85,10 +88,13 @@ class Sequencer:
             )
             for index, item in enumerate(operation.passes)
         ]
+        self.guard.begin(operation)
         reached = reach_operation(operation, curves, self)
         tool, curves, moves = reached.tool, list(reached.curves), reached.moves
         operation = self.posted[number] = replace(operation, passes=tuple(curve.source for curve in curves))
         is_changed = tool.number != self.tape.tool
+        begin, stood = self.tape.count, self.tape.joints
+        self.guard.begin(operation)
         if is_changed:
             self._change_tool(tool.number, operation, origin)
         self._spin(operation.spindle_rpm, origin)
@@ -100,10 +106,13 @@ class Sequencer:
         apart = float(np.abs(moves.poses.joints[0] - self.tape.joints).max())
         if is_changed or apart > SAME_POSE:  # changing, spinning up and waiting are done standing clear
             moves.poses.needs_positioning[0] = True
-        self._passes(number, operation, curves, moves)
+        self._passes(number, operation, curves, moves, tool)
+        watch_moves(self.guard, self.tape.since(begin), stood, operation)
         self.guard.advance(operation)
 
-    def _passes(self, number: int, operation: Operation, curves: list[PassCurve], moves: LinearOperation) -> None:
+    def _passes(
+        self, number: int, operation: Operation, curves: list[PassCurve], moves: LinearOperation, tool: Tool
+    ) -> None:
         first = np.flatnonzero(moves.rows.is_first)
         for index, (begin, end) in enumerate(zip(first, np.append(first[1:], len(moves.rows.arc_mm)), strict=True)):
             item = operation.passes[index]
@@ -112,23 +121,39 @@ class Sequencer:
             part = slice(int(begin), int(end))
             joints, arcs = moves.poses.joints[part], moves.rows.arc_mm[part]
             if moves.poses.needs_positioning[begin]:
-                self._position(joints[0], item, Origin(LineKind.LINK, operation.layer, number))
+                self._position(joints[0], item, index, tool, Origin(LineKind.LINK, operation.layer, number))
             if item.is_link or not operation.process.is_deposit:
                 self.state.darken(origin)
             if operation.process.is_deposit and not item.is_link:
                 self.state.start_flows(*_flows(item))
             lengths = self._lengths(joints, arcs, moves.rows.tip[part])
-            self._pass(item, curves[index], joints, (arcs, lengths), origin, operation.process.is_deposit)
+            bulge = np.zeros(len(lengths)) if moves.bulge is None else moves.bulge[part][1:]
+            path = _path(moves, index, joints, arcs)
+            self._pass(item, curves[index], path, (joints, arcs, lengths, bulge), origin, operation.process.is_deposit)
 
     def _pass(
-        self, item: Pass, curve: PassCurve, joints: Floats, way: tuple[Floats, Floats], origin: Origin, deposits: bool
+        self,
+        item: Pass,
+        curve: PassCurve,
+        path: Path,
+        moves: tuple[Floats, Floats, Floats, Floats],
+        origin: Origin,
+        deposits: bool,
     ) -> None:
-        """Moves of one pass; way : arc lengths at the joints (n,) and lengths of the tip's ways between them (n - 1,), mm."""
-        arcs, lengths = way
+        """Moves of one pass: joints (n, 5), arc lengths there (n,), lengths of the tip's ways (n - 1,), mm, and bulges (n - 1,) between."""
+        joints, arcs, lengths, bulge = moves
         if len(joints) < 2:
             return
         row = np.searchsorted(curve.set_point_arcs, arcs[:-1] + _SAME_ARC_MM, side="right") - 1
-        times, move = self._times(item, joints, lengths, row)
+        move = Move.FEED
+        if item.rapid:
+            turns = bool(self._turning(joints).any())
+            times, move = self.timer.rapid(joints, turns=turns), Move.FEED if turns else Move.RAPID
+        else:
+            asked = Way(joints, arcs, lengths, bulge, item.setpoints[row, 1])
+            timed = self.timer.timed(asked, path, (origin.operation, origin.pass_))
+            joints, arcs, bulge, times = timed.way.joints, timed.way.arc_mm, timed.way.bulge, timed.time_s
+            row = row[timed.source]
         if item.is_link:
             self.state.note_link(self.tape.count + len(times) - 1)
         edges = np.flatnonzero(np.diff(row)) + 1
@@ -138,7 +163,14 @@ class Sequencer:
                 self.state.set_points(float(laser_w), float(powder), float(gas), origin)
                 if laser_w > 0.0:
                     self._layer_starts.setdefault(origin.layer, self.tape.count)
-            self.tape.moves(joints[begin + 1 : end + 1], arcs[begin : end + 1], times[begin:end], move, origin)
+            self.tape.moves(
+                joints[begin + 1 : end + 1],
+                arcs[begin : end + 1],
+                times[begin:end],
+                move,
+                origin,
+                bulge=bulge[begin:end],
+            )
 
     def _lengths(self, joints: Floats, arcs: Floats, tips: Floats) -> Floats:
         """(n - 1,) mm: way of the tip in each move: the chord, or the arc where rotary joints bend the way."""
@@ -150,31 +182,17 @@ class Sequencer:
         steps = np.abs(np.diff(joints[:, [joint.column for joint in self.chain.rotary]], axis=0))
         return np.asarray(np.any(steps > _STANDS_DEG, axis=1))
 
-    def _times(self, item: Pass, joints: Floats, lengths: Floats, row: NDArray[np.int64]) -> tuple[Floats, Move]:
-        """Nominal times of the moves of a pass, s, and how they move; lengths : (n,) mm of tip motion."""
-        steps = np.diff(joints, axis=0)
-        asked = np.zeros(len(steps)) if item.rapid else lengths / item.setpoints[row, 1]
-        times = axis_limited_times(steps, asked, self._max_velocity)
-        is_rapid = item.rapid and not self._turning(joints).any()
-        if not item.rapid:
-            self.counts.limited_blocks += int(np.count_nonzero(times > asked * (1.0 + 1e-9)))
-        if not is_rapid:
-            least = 1.0 / self.cell.cnc.max_blocks_per_s
-            self.counts.slowed_blocks += int(np.count_nonzero(times < least))
-            times = np.maximum(times, least)
-        return times, Move.RAPID if is_rapid else Move.FEED
-
-    def _position(self, target: Floats, item: Pass, origin: Origin) -> None:
+    def _position(self, target: Floats, item: Pass, index: int, tool: Tool, origin: Origin) -> None:
         self.state.darken(origin)
-        self._positioner.retract(self.tape, origin)
-        self.state.note_link(self.tape.count)
-        self._positioner.approach(self.tape, target, None if item.rapid else float(item.setpoints[0, 1]), origin)
+        feed = None if item.rapid else float(item.setpoints[0, 1])
+        self.state.note_link(self._positioner.travel(self.tape, tool, target, feed, origin, index))
 
     def _change_tool(self, number: int, operation: Operation, origin: Origin) -> None:
         self._stand_clear(origin)
         self._spin(0.0, origin)
         self.tape.tool = number
-        change = self.tape.command(f"M6 T{number}", Origin(LineKind.TOOL, origin.layer, origin.operation), stops=True)
+        place = Origin(LineKind.TOOL, origin.layer, origin.operation)
+        change = self.tape.command(f"M6 T{number}", place, stops=True, time_s=self.cell.response.tool_change_s)
         if not operation.process.is_deposit and self.state.mode != MODE_MILL:
             self.state.enter_mode(MODE_MILL, change)
 
@@ -184,7 +202,11 @@ class Sequencer:
         if self.state.is_emitting:
             self._stand_clear(origin)
         text = f"M3 S{rpm:.0f}" if rpm > 0.0 else "M5"
-        self.tape.command(text, Origin(LineKind.TOOL, origin.layer, origin.operation), stops=True)
+        place, wait_s = (
+            Origin(LineKind.TOOL, origin.layer, origin.operation),
+            spin_up_s(self.cell, self._spindle_rpm, rpm),
+        )
+        self.tape.command(text, place, stops=True, time_s=wait_s)
         self._spindle_rpm = rpm
 
     def _dwell(self, operation: Operation, origin: Origin) -> None:
@@ -210,6 +232,18 @@ class Sequencer:
         last = self.tape.command(END, end, stops=True)
         self.state.enter_mode(MODE_SAFE, last)
 
+    def _follow_speed(self) -> None:
+        """Laser power and powder of the schedule by the speed that the tip really has."""
+        items = self.tape.items()
+        waits = np.array(sorted({entry.item for entry in self.tape.entries if entry.is_barrier}), dtype=np.int64)
+        times = item_times(items, self.cell, waits)
+        self.speed = actual_speed(items, times, self.posted)
+        if self.state.emissions:
+            window = load_material(self.plan.material).deposition
+            starts = np.append(0.0, np.cumsum(times))[:-1]
+            found = tracked(self.tape.entries, self.state.emissions, self.speed, starts, self.cell, window)
+            self.tape.entries = sorted(found, key=lambda entry: entry.item)
+
     def _check_travel(self, curves: list[PassCurve], moves: LinearOperation) -> None:
         outside = np.flatnonzero(excess(self.cell.axes, moves.poses.joints).any(axis=1))
         if outside.size == 0:
@@ -221,6 +255,14 @@ class Sequencer:
             for index, tip in zip(moves.rows.pass_[outside], tips, strict=True)
         ]
         check_travel(self.cell.axes, moves.poses.joints[outside], places)
+
+
+def _path(moves: LinearOperation, index: int, joints: Floats, arcs: Floats) -> Path:
+    """The samples that the moves of a pass were made from; its joints and arc lengths where there are none."""
+    if moves.sampled is None:
+        return Path(joints, arcs)
+    of_pass = moves.sampled.rows.pass_ == index
+    return Path(moves.sampled.tube.joints[of_pass], moves.sampled.rows.arc_mm[of_pass])
 
 
 def _flows(item: Pass) -> tuple[float, float]:

@@ -82,11 +82,12 @@ class Tape:
     """Item of a dwell -> (least time, s, since the start of an item; that item)."""
     _chunks: list[NDArray[np.void]] = field(default_factory=list)
 
-    def command(self, text: str, origin: Origin, stops: bool = False) -> int:
-        """Add a line that is not a motion; returns its item. `stops` : the machine stands for it."""
+    def command(self, text: str, origin: Origin, stops: bool = False, time_s: float = 0.0) -> int:
+        """Add a line that is not a motion and takes time_s; returns its item. `stops` : the machine stands for it."""
         item = self._items(1, origin)
         item["command"] = len(self.commands)
         item["stop"] = stops
+        item["time_s"] = time_s
         item["joints"] = self.joints
         self.commands.append(text)
         return self._add(item)
@@ -97,9 +98,19 @@ class Tape:
         self.dwells[item] = (least_s, since_item)
 
     def moves(
-        self, joints: Floats, arcs_mm: Floats, times_s: Floats, move: Move, origin: Origin, named: int = 0
+        self,
+        joints: Floats,
+        arcs_mm: Floats,
+        times_s: Floats,
+        move: Move,
+        origin: Origin,
+        named: int = 0,
+        bulge: Floats | float = 0.0,
     ) -> int:
-        """Add straight joint moves to (n, 5) joints; arcs_mm : (n + 1,) at their ends; named : bits of axes. Returns the first item."""
+        """Add joint moves to (n, 5) joints; arcs_mm : (n + 1,) at their ends; named : bits of axes; bulge : (n,) of arcs.
+
+        Returns the first item.
+        """
         items = self._items(len(joints), origin)
         items["joints"] = joints
         items["arc_start_mm"] = arcs_mm[:-1]
@@ -107,6 +118,7 @@ class Tape:
         items["time_s"] = times_s
         items["move"] = move
         items["named"] = named
+        items["bulge"] = bulge
         items["way"] = np.linalg.norm(np.diff(joints, axis=0, prepend=self.joints[None, :]), axis=1)
         self.joints = np.array(joints[-1])
         return self._add(items)
@@ -114,6 +126,14 @@ class Tape:
     def schedule(self, channel: Channel, value: float, item: int, is_barrier: bool = False) -> None:
         """Set a channel when an item begins."""
         self.entries.append(Entry(item, channel, value, is_barrier))
+
+    def since(self, item: int) -> NDArray[np.void]:
+        """(k,) ITEM_DTYPE: the items from one on, at which a chunk begins."""
+        kept, begin = len(self._chunks), self.count
+        while begin > item:
+            kept -= 1
+            begin -= len(self._chunks[kept])
+        return np.concatenate(self._chunks[kept:]) if kept < len(self._chunks) else np.zeros(0, ITEM_DTYPE)
 
     def items(self) -> NDArray[np.void]:
         """(count,) ITEM_DTYPE."""
