@@ -15,7 +15,7 @@ from config.macros import VALUES, Macros
 from planner.kinematics.chain import Chain
 from planner.kinematics.timing import predicted_times
 from planner.plan import Operation
-from planner.post import fanuc, read_fanuc, read_siemens, siemens
+from planner.post import apt, fanuc, heidenhain, read_apt, read_fanuc, read_heidenhain, read_siemens, siemens
 from planner.post.assemble import Assembly
 from planner.post.header import About, header_texts
 from planner.post.macros import MacroBook
@@ -34,11 +34,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-WRITERS: Mapping[str, ModuleType] = {"siemens": siemens, "fanuc": fanuc}
+WRITERS: Mapping[str, ModuleType] = {"siemens": siemens, "fanuc": fanuc, "heidenhain": heidenhain, "apt": apt}
 """Five-axis controls: name of the dialect -> its words."""
 READERS: Mapping[str, Callable[[Sequence[str], Sequence[str], Signals], Reading]] = {
     "siemens": read_siemens.read,
     "fanuc": read_fanuc.read,
+    "heidenhain": read_heidenhain.read,
+    "apt": read_apt.read,
 }
 """Their readers, which share nothing with the writers."""
 
