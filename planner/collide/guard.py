@@ -65,10 +65,11 @@ class Guard:
         self._carriers = Carriers.of(chain, cell.machine.parked_offset_mm if cell.machine else (0.0, 0.0, 0.0))
         self._bodies = self._all_bodies()
         self._mountings: dict[tuple[int, bool], _Mounted] = {}
-        self._layers = {layer.index: layer for layer in plan.layers}
+        self._layers = {layer.index: layer for layer in plan.layers}  # whose walls do not stand yet
+        self._ups = {layer.index: np.asarray(layer.top[3:6], dtype=np.float64) for layer in plan.layers}
         self._least: dict[tuple[str, str], Least] = {}
         self._step = 0
-        self._taken = np.empty(0, dtype=np.int64)
+        self._taken, self._begun = np.empty(0, dtype=np.int64), tuple[int, ...]()
 
     def clearance(
         self,
@@ -125,8 +126,11 @@ class Guard:
 
     def begin(self, operation: Operation) -> None:
         """What an operation is going to cut counts as gone by the pass that cuts it."""
+        passes = tuple(map(id, operation.passes))
+        if passes == self._begun:
+            return
         self.standing.restore(self._taken)
-        self._taken = np.empty(0, dtype=np.int64)
+        self._taken, self._begun = np.empty(0, dtype=np.int64), passes
         if operation.process.is_deposit or not self.is_watching:
             return
         poses, numbers = cutter_poses(operation.passes)
@@ -138,12 +142,14 @@ class Guard:
         if not self.is_watching:
             return
         if operation.process.is_deposit:
-            layer = self._layers[operation.layer]
-            self.standing.grow(bead_points(operation, layer))
-            self.standing.grow(wall_points(layer), FINISHED_MM)
+            layer = self._layers.pop(operation.layer, None)
+            beads = bead_points(operation, self._ups[operation.layer])
+            walls = np.empty((0, 3)) if layer is None else wall_points(layer)
+            margin = np.append(np.zeros(len(beads)), np.full(len(walls), FINISHED_MM))
+            self.standing.grow(np.vstack([beads, walls]), margin)
         else:
             self.begin(operation)
-        self._taken = np.empty(0, dtype=np.int64)
+        self._taken, self._begun = np.empty(0, dtype=np.int64), ()
         self._step += len(operation.passes)
 
     def _flutes(self, operation: Operation) -> tuple[float, float, float]:

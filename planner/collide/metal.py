@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.nurbs.curve import Curve
-from planner.plan import Layer, Operation, Pass
+from planner.plan import Layer, Operation, Pass, Process
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,9 +20,11 @@ FINISHED_MM = 0.3
 """How deep points of the part's own walls may be in the flutes: less is the rounding of curves, more is cut away on purpose."""
 
 
-def bead_points(operation: Operation, layer: Layer) -> Floats:
-    """(n, 3) float, mm: crest and both sides of the beads of a deposition, build frame."""
-    up = np.asarray(layer.top[3:6], dtype=np.float64)
+def bead_points(operation: Operation, up: Floats) -> Floats:
+    """(n, 3) float, mm, build frame: crest of the beads of a deposition, and both sides where it is no fill between others.
+
+    up : (3,) float, unit, in which the layer grows
+    """
     crest, half = operation.bead_height_mm * up, 0.5 * operation.bead_width_mm
     found = []
     for item in operation.passes:
@@ -35,7 +37,9 @@ def bead_points(operation: Operation, layer: Layer) -> Floats:
         across *= half / np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
         lit = item.setpoints[row, 2] > 0.0
         middle = points + 0.5 * crest
-        found += [(points + crest)[lit], (middle + across)[lit], (middle - across)[lit]]
+        found.append((points + crest)[lit])
+        if operation.process is not Process.DEPOSIT_FILL:
+            found += [(middle + across)[lit], (middle - across)[lit]]
     return np.vstack(found) if found else np.empty((0, 3))
 
 

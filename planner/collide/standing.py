@@ -63,14 +63,14 @@ class Standing:
         """(n, 3) float, mm: all that stand now."""
         return np.asarray(self._points[self._until == STAYS])
 
-    def grow(self, points: Floats, margin_mm: float = 0.0) -> None:
-        """Add points (n, 3), mm.  margin_mm : how deep in a cutter they may be without being cut, for points of a finished surface."""
+    def grow(self, points: Floats, margin_mm: Floats | float = 0.0) -> None:
+        """Add points (n, 3), mm.  margin_mm : (n,), how deep in a cutter they may be without being cut: points of a finished surface."""
         if not len(points):
             return
         first = len(self._points)
         self._points = np.vstack([self._points, points])
         self._until = np.append(self._until, np.full(len(points), STAYS))
-        self._margin = np.append(self._margin, np.full(len(points), margin_mm))
+        self._margin = np.append(self._margin, np.broadcast_to(margin_mm, (len(points),)))
         rows = np.arange(first, first + len(points))
         while self._patches and len(self._patches[-1].rows) <= 2 * len(rows):  # as large ones as small ones stay few
             rows = np.concatenate([self._patches.pop().rows, rows])
