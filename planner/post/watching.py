@@ -30,7 +30,7 @@ def watch_moves(guard: Guard, items: NDArray[np.void], start: Floats, operation:
     moves = items[items["move"] != Move.NONE]
     if not guard.is_watching or not len(moves):
         return
-    joints, source = _spread(np.vstack([start, moves["joints"]]), moves["bulge"])
+    joints, source = spread(np.vstack([start, moves["joints"]]), moves["bulge"])
     passes = moves["pass_"].astype(np.int64)
     links = np.array([item.rapid for item in operation.passes], dtype=np.bool_)
     is_rapid = (passes < 0) | links[np.maximum(passes, 0)]
@@ -68,7 +68,7 @@ def _along(
     return found, move
 
 
-def _spread(joints: Floats, bulge: Floats) -> tuple[Floats, Ints]:
+def spread(joints: Floats, bulge: Floats) -> tuple[Floats, Ints]:
     """Rows (m + 1, 5) with arcs as chords, and the move (m,) that each but the first belongs to."""
     if not bulge.any():
         return joints, np.arange(len(bulge))
