@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planner.errors import ReachError
 from planner.kinematics.chain import Chain, Floats
+from planner.post.arc_shape import arc_points
 from planner.post.pass_curve import PassCurve
 from planner.post.poses import Poses, PoseSolver, Rows
 from planner.post.tube import Tube, straight_moves, tube_about
@@ -22,7 +23,8 @@ _SAMPLE_SHARE = 0.05
 _MOTION_SHARE = 0.12
 _MOVE_SHARE = 0.82
 _MOVE_SHARE_TURNING = 0.74
-_OVER = 1.03  # of a move's share: what its measured error may be before a vertex is put in
+OVER = 1.03
+"""Of a move's share of the tolerance: what its measured error may be before another vertex is put in."""
 _PROBES = (0.25, 0.5, 0.75)  # of a move, where its true path is compared with the pass
 _MAX_HALVINGS = 26  # 2^-26 of a span of the curve: a pose that still jumps there jumps
 _MAX_PINNINGS = 12
@@ -53,6 +55,7 @@ class LinearOperation:
     rows : ends of the moves, where the tip and the axis really are there   poses : of the same rows
     sampled : the passes themselves, none if these moves do not come from there
     bulge : (n,) float, of the move that leads to each row: tan(sweep / 4) of an arc of X and Y, 0: straight; none: all straight
+    places : (n,) float, rows of the samples and fractions of rows where the moves end; none if unknown
     tip_mm, axis_deg : largest distance from the passes by construction, words not rounded yet
     """
 
@@ -60,6 +63,7 @@ class LinearOperation:
     poses: Poses
     sampled: Sampled | None = field(default=None, repr=False)
     bulge: Floats | None = None
+    places: Floats | None = None
     tip_mm: float = 0.0
     axis_deg: float = 0.0
 
@@ -100,11 +104,11 @@ def linearise(
     share = (_MOTION_SHARE if turns.any() else _SAMPLE_SHARE) * tolerance
     sampled = Sampled(rows, tube, budget, solver.chain, solver.tool_tip_mm, float(share[0]), float(share[1]))
     place, joints, errors = _moves(sampled)
-    pieces = _rows_at(sampled, place, joints)
+    pieces = rows_at(sampled, place, joints)
     needs = np.zeros(len(place), dtype=np.bool_)
     needs[pieces.is_first] = poses.needs_positioning[rows.is_first]
     worst = errors.max(axis=0, initial=0.0) + share
-    return LinearOperation(pieces, Poses(joints, needs), sampled, None, float(worst[0]), float(worst[1]))
+    return LinearOperation(pieces, Poses(joints, needs), sampled, None, place, float(worst[0]), float(worst[1]))
 
 
 def _sampled(
@@ -144,17 +148,17 @@ def _moves(sampled: Sampled) -> tuple[Floats, Floats, Floats]:
         move = np.searchsorted(place, np.arange(len(over)), side="right")
         worst = np.zeros(len(place) + 1)
         np.maximum.at(worst, move, over)
-        bad = (over > _OVER) & (over == worst[move]) & ~pinned
+        bad = (over > OVER) & (over == worst[move]) & ~pinned
         if not bad.any():
             break
         pinned |= bad
     return place, joints, errors
 
 
-def move_errors(sampled: Sampled, place: Floats, joints: Floats) -> Floats:
-    """(n, 2) float, mm and deg: distance of the true tip and axis of straight moves from the passes, by forward kinematics, at each sample.
+def move_errors(sampled: Sampled, place: Floats, joints: Floats, bulge: Floats | None = None) -> Floats:
+    """(n, 2) float, mm and deg: distance of the true tip and axis of moves from the passes, by forward kinematics, at each sample.
 
-    place : (k,) float, rows and fractions of rows where the moves end, the first 0   joints : (k, 5) float
+    place : (k,) float, rows and fractions of rows where the moves end, the first 0   joints : (k, 5) float   bulge : (k,) float, of arcs
     """
     rows = sampled.rows
     n = len(rows.arc_mm)
@@ -165,9 +169,14 @@ def move_errors(sampled: Sampled, place: Floats, joints: Floats) -> Floats:
     low, high = way_at(rows.arc_mm, place[before]), way_at(rows.arc_mm, place[after])
     gone = np.where(after > before, high - low, 0.0)
     share = np.divide(rows.arc_mm - low, gone, out=np.ones(n), where=gone > 0.0)
-    share = np.where(place[after] == np.arange(n), 1.0, share)[:, None]
-    tip, axis = sampled.chain.forward(joints[before] + share * (joints[after] - joints[before]), sampled.tool_tip_mm)
-    return off_path(rows, tip, axis)
+    share = np.where(place[after] == np.arange(n), 1.0, share)
+    here = joints[before] + share[:, None] * (joints[after] - joints[before])
+    if bulge is not None:
+        bent = np.flatnonzero(bulge[after])
+        xy = np.array([sampled.chain.letters.index("X"), sampled.chain.letters.index("Y")])
+        ends = joints[before[bent]][:, xy], joints[after[bent]][:, xy]
+        here[bent[:, None], xy] = arc_points(*ends, bulge[after[bent]], share[bent])
+    return off_path(rows, *sampled.chain.forward(here, sampled.tool_tip_mm))
 
 
 def off_path(rows: Rows, tip: Floats, axis: Floats) -> Floats:
@@ -193,7 +202,7 @@ def way_at(way_mm: Floats, place: Floats) -> Floats:
     return np.asarray(np.interp(place, np.arange(len(way_mm)), way_mm))
 
 
-def _rows_at(sampled: Sampled, place: Floats, joints: Floats) -> Rows:
+def rows_at(sampled: Sampled, place: Floats, joints: Floats) -> Rows:
     """Rows at places of the samples, with the tips and axes that the joints give."""
     rows = sampled.rows
     tip, axis = sampled.chain.forward(joints, sampled.tool_tip_mm)

@@ -44,7 +44,7 @@ class PostReport:
         told += self.speed.lines
         if self.counts.positionings:
             told.append(f"{self.counts.positionings} times retracted and positioned where no link of the plan leads")
-        return tuple(told)
+        return (*told, *self.counts.changes)
 
 
 def post_with_report(
@@ -61,7 +61,7 @@ def post_with_report(
         raise PostError(f"the plan of {plan.part_name} has no passes: there is nothing to run", "plan the part again")
     placement, given = placement or cell.placement, cell
     language = joint_dialect(dialect) if dialect in JOINT_DIALECTS else None
-    cell = language.fitted(cell) if language else cell
+    cell = language.fitted(cell) if language else _without_arcs(cell)
     chain = Chain.from_cell(cell, placement)
     placed = table_from_build(placement.part_origin_mm, placement.rotation_deg)
     planned = [tool_for(item, cell) for item in plan.operations if item.passes]
@@ -80,6 +80,11 @@ def post_with_report(
     reread = check(program, plan, cell, chain, posted) if language else read_back(program, posted, cell, chain)
     verify(reread, cell)
     return program, PostReport(reread, sequencer.counts, speed_report(sequencer, program))
+
+
+def _without_arcs(cell: Cell) -> Cell:
+    """The cell for dialects whose blocks are in the workpiece's coordinates: arcs of the joints have no place there."""
+    return cell.model_copy(update={"cnc": cell.cnc.model_copy(update={"takes_arcs": False})})
 
 
 def _work_offset(about: About) -> Floats:

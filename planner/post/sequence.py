@@ -13,6 +13,8 @@ from planner.collide.guard import Guard
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.limits import check_travel, excess
 from planner.plan import Operation, Pass, Plan
+from planner.post.arc_shape import arc_over_chord
+from planner.post.arcs import with_arcs
 from planner.post.clock import item_times, spin_up_s
 from planner.post.linearise import LinearOperation
 from planner.post.macros import END, START
@@ -39,6 +41,8 @@ class Counts:
     """
 
     positionings: int = 0
+    changes: list[str] = field(default_factory=list)
+    """One line each: what is run with other axes, poses or tools than planned, and why."""
 
 
 @dataclass
@@ -90,7 +94,7 @@ class Sequencer:
         ]
         self.guard.begin(operation)
         reached = reach_operation(operation, curves, self)
-        tool, curves, moves = reached.tool, list(reached.curves), reached.moves
+        tool, curves, moves = reached.tool, list(reached.curves), with_arcs(reached.moves, self.cell)
         operation = self.posted[number] = replace(operation, passes=tuple(curve.source for curve in curves))
         is_changed = tool.number != self.tape.tool
         begin, stood = self.tape.count, self.tape.joints
@@ -126,8 +130,8 @@ class Sequencer:
                 self.state.darken(origin)
             if operation.process.is_deposit and not item.is_link:
                 self.state.start_flows(*_flows(item))
-            lengths = self._lengths(joints, arcs, moves.rows.tip[part])
-            bulge = np.zeros(len(lengths)) if moves.bulge is None else moves.bulge[part][1:]
+            bulge = np.zeros(len(arcs) - 1) if moves.bulge is None else moves.bulge[part][1:]
+            lengths = self._lengths(joints, arcs, moves.rows.tip[part]) * arc_over_chord(bulge)
             path = _path(moves, index, joints, arcs)
             self._pass(item, curves[index], path, (joints, arcs, lengths, bulge), origin, operation.process.is_deposit)
 

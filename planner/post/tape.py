@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.kinematics.chain import Floats
+from planner.post.arc_shape import arc_over_chord
 from planner.program import SCHEDULE_DTYPE, Channel, LineKind
 
 Ints = NDArray[np.int64]
@@ -119,7 +120,8 @@ class Tape:
         items["move"] = move
         items["named"] = named
         items["bulge"] = bulge
-        items["way"] = np.linalg.norm(np.diff(joints, axis=0, prepend=self.joints[None, :]), axis=1)
+        chords = np.linalg.norm(np.diff(joints, axis=0, prepend=self.joints[None, :]), axis=1)
+        items["way"] = chords * arc_over_chord(items["bulge"])
         self.joints = np.array(joints[-1])
         return self._add(items)
 
