@@ -15,7 +15,10 @@ Ints = NDArray[np.int64]
 
 JERK_OF_PATH = 0.6
 """Of an axis' jerk: what following the path at constant speed may take; the rest is for changing speed."""
-_JERK_OF_TURNING = 0.2  # of an axis' jerk: what a change of speed on a curved stretch may take by its acceleration
+_JERK_OF_TURNING = 0.6  # of an axis' jerk: what a change of speed on a curved stretch may take by its acceleration
+_JERK_LEAST = (
+    0.2  # of an axis' jerk: what there is for a change of speed at least; where that is too much, speed is lowered
+)
 _JERK_OF_ENDING = 0.5  # of the jerk left: what the end of a rise takes, in steps of the grid
 _LEAST_MM_S = (
     0.05  # below it a change of speed is reckoned as at it: the jerk of a standstill has no bound along the path
@@ -269,7 +272,7 @@ def _swept(
             if one > 0.0:
                 most = min(most, max(acceleration[k] - two * z[i], 0.0) / one)
                 left = jerk[k] - three * v**3 - 3.0 * two * v * 0.5 * abs(rise)
-                growth = min(growth, max(left, (1.0 - JERK_OF_PATH - _JERK_OF_TURNING) * jerk[k]) / one)
+                growth = min(growth, max(left, _JERK_LEAST * jerk[k]) / one)
         most, slope = min(most, turning), (cap[i + 1] - cap[i]) / step[i]
         # the growth of one step, solved for at its end: it is slow where it begins
         wanted = z[i] + max(rise, 0.0) * step[i] + growth / v * step[i] ** 2
@@ -277,7 +280,7 @@ def _swept(
         after = min(rise + 2.0 * growth / faster * step[i], 2.0 * most)
         ahead = np.sqrt(max(z[i] + 0.5 * (max(rise, 0.0) + max(after, 0.0)) * step[i], 0.0))
         room = max(np.sqrt(cap[i + 1]) - ahead, 0.0)
-        ending = slope + 2.0 * np.sqrt(2.0 * _JERK_OF_ENDING * growth * room)
+        ending = max(slope + 2.0 * np.sqrt(2.0 * _JERK_OF_ENDING * growth * room), 0.5 * (cap[i + 1] - z[i]) / step[i])
         after = max(min(after, ending), min(slope, 0.0))
         z[i + 1] = min(z[i] + 0.5 * (rise + after) * step[i], z[i] + after * step[i])
         z[i + 1] = max(z[i + 1], min(z[i], cap[i + 1]))
