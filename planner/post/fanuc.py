@@ -126,7 +126,9 @@ def _moves(blocks: Blocks, vocabulary: Vocabulary) -> tuple[Texts, Texts]:
             words(vocabulary.letters[k], column, _DECIMALS, changed(column, _DECIMALS, tip & ~pole, anew), POINT)
         )
     for k, letter in enumerate(vocabulary.letters):
-        columns.append(words(letter, rows["joints"][:, k], _DECIMALS, machine, POINT))
+        columns.append(
+            words(letter, rows["joints"][:, k], _DECIMALS, machine & ((rows["named"] >> k) & 1).astype(np.bool_), POINT)
+        )
     rational = _rational(rows, start)
     columns.append(words("R", rows["weight"], 4, pole & rational, POINT))
     feed = np.where(what == What.RAPID, vocabulary.rapid_mm_min, rows["feed_mm_min"])

@@ -83,7 +83,15 @@ def _moves(blocks: Blocks, vocabulary: Vocabulary) -> Texts:
         words(f"T{letter}", rows["axis"][:, k], AXIS_DECIMALS, turns, plus=True) for k, letter in enumerate("XYZ")
     ]
     for k, letter in enumerate(vocabulary.letters):
-        columns.append(words(letter, rows["joints"][:, k], CONTROL.decimals, machine, plus=True))
+        columns.append(
+            words(
+                letter,
+                rows["joints"][:, k],
+                CONTROL.decimals,
+                machine & ((rows["named"] >> k) & 1).astype(np.bool_),
+                plus=True,
+            )
+        )
     columns.append(np.where(machine, "R0 FMAX M91", np.where(rapid, "FMAX", "")).tolist())
     fed = what == What.LINE
     columns.append(words("F", rows["feed_mm_min"], 3, changed(rows["feed_mm_min"], 3, fed, anew)))

@@ -124,10 +124,12 @@ class _Reader:
             raise unread(index, text, f"G{code:g}")
 
     def _machine(self, index: int, text: str, values: dict[str, float]) -> None:
-        if self._follows_tip or self._code != 0.0 or not set(self._letters) <= values.keys():
-            raise unread(index, text, "machine positions need G49, G00 and all axes")
-        self.reading.joints[len(self.reading.rows)] = {letter: values[letter] for letter in self._letters}
-        self._place = {letter: values[letter] for letter in self._rotary_letters}
+        if self._follows_tip or self._code != 0.0 or not set(self._letters) & values.keys():
+            raise unread(index, text, "machine positions need G49, G00 and an axis")
+        told = {letter: values[letter] for letter in self._letters if letter in values}
+        self.reading.joints[len(self.reading.rows)] = told
+        self._place = {letter: self._place[letter] for letter in self._rotary_letters if letter in self._place}
+        self._place.update((letter, value) for letter, value in told.items() if letter in self._rotary_letters)
         self.reading.add((index, index), How.MACHINE, NAN3, NAN3, 0.0, self._state, self._rotary())
 
     def _motion(self, index: int, text: str, values: dict[str, float], is_switch: bool) -> None:

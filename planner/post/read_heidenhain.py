@@ -83,8 +83,8 @@ class _Reader:
         self.reading.add((index, index), How.RAPID if is_rapid else How.LINE, tip, self._axis, self._feed, self._state)
 
     def _machine(self, index: int, text: str, values: dict[str, float]) -> None:
-        if self._follows_tip or values.keys() != self._letters:
-            raise unread(index, text, "machine positions need TCPM reset and all axes")
+        if self._follows_tip or not values.keys() <= self._letters or not values:
+            raise unread(index, text, "machine positions need TCPM reset and axes")
         self.reading.joints[len(self.reading.rows)] = values
         self.reading.add((index, index), How.MACHINE, NAN3, NAN3, 0.0, self._state)
         self._tip, self._axis = {}, NAN3

@@ -112,9 +112,11 @@ class _Reader:
             values.pop("F", None)
 
     def _machine(self, index: int, text: str, values: dict[str, float]) -> None:
-        if self._transforms or self._code != "G0" or not self._letters <= values.keys():
-            raise unread(index, text, "machine positions need TRAFOOF, G0 and all axes")
-        self.reading.joints[len(self.reading.rows)] = {letter: values[letter] for letter in self._letters}
+        if self._transforms or self._code != "G0" or not self._letters & values.keys():
+            raise unread(index, text, "machine positions need TRAFOOF, G0 and an axis")
+        self.reading.joints[len(self.reading.rows)] = {
+            letter: values[letter] for letter in self._letters & values.keys()
+        }
         self.reading.add((index, index), How.MACHINE, NAN3, NAN3, 0.0, self._state)
         self._tip, self._axis = {}, NAN3
 

@@ -157,9 +157,10 @@ def _axis_words(rows: Rows, what: np.ndarray[tuple[int], np.dtype[np.uint8]], an
 
 
 def _machine_words(rows: Rows, machine: Bools, vocabulary: Vocabulary) -> list[Texts]:
-    """All axes, in machine coordinates."""
+    """Those axes that are told where to go, in machine coordinates."""
     return [
-        words(letter, rows["joints"][:, k], CONTROL.decimals, machine) for k, letter in enumerate(vocabulary.letters)
+        words(letter, rows["joints"][:, k], CONTROL.decimals, machine & ((rows["named"] >> k) & 1).astype(np.bool_))
+        for k, letter in enumerate(vocabulary.letters)
     ]
 
 

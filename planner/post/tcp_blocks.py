@@ -75,6 +75,7 @@ BLOCK_DTYPE = np.dtype(
         ("span", "<f8"),  # of the parameter, mm: knots p + i less p + i - 1 at pole i
         ("degree", "u1"),
         ("turns", "?"),  # of a START or POLE: the axis follows a NURBS too
+        ("named", "u1"),  # of a machine move, bit k: axis k is told where to go; the others stay
         ("command", "<i4"),  # index, -1: none
         ("item", "<i4"),  # of the tape
     ]

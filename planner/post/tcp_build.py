@@ -74,6 +74,7 @@ class Builder:
         for entry in job.tape.entries:
             self._entries.setdefault(entry.item, []).append(entry)
         self._laser_w: float | None = None
+        self._machine_moves = 0  # since the tip was moved
         self._was_dark = (
             False  # the gate went off since the last move: it is to close with motion, not with a change of mode
         )
@@ -121,6 +122,10 @@ class Builder:
                 self._parts.append(lift)
                 block["time_s"] = 0.0
             self._was_dark = False
+            if is_machine:
+                block["named"] = self._named(item)
+            else:
+                self._machine_moves = 0
             block["what"] = What.MACHINE if is_machine else What.RAPID if row["move"] == Move.RAPID else What.LINE
             way = (
                 float(np.linalg.norm(self._tip(item, self._starts[item]) - block["tip"][0]))
@@ -129,6 +134,16 @@ class Builder:
             )
             block["feed_mm_min"] = 60.0 * way / max(float(row["time_s"]), 1e-9)
             self._parts.append(block)
+
+    def _named(self, item: int) -> int:
+        """Axes of a machine move: those that move, for the tool lifts straight off; all of them from the second move on, to know every axis."""
+        row = self._items[item]
+        moves = np.abs(row["joints"] - self._starts[item]) > _STANDS
+        told = int(row["named"]) | int((moves << np.arange(len(moves))).sum())
+        if self._machine_moves == 1:
+            told = (1 << len(moves)) - 1
+        self._machine_moves += 1
+        return told
 
     def _pass(self, begin: int, end: int) -> None:
         """The blocks of one pass, cut where set-points change or something is said."""
@@ -193,7 +208,7 @@ class Builder:
         for name in ("kind", "layer", "operation", "pass_", "tool"):
             blocks[name] = source[name]
         blocks["command"], blocks["item"] = -1, item
-        self._was_dark = False
+        self._was_dark, self._machine_moves = False, 0
         ends = blocks["arc_end_mm"]
         blocks["time_s"] = np.interp(ends, arcs, clock) - np.interp(blocks["arc_start_mm"], arcs, clock)
         for column in range(joints.shape[1]):

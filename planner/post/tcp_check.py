@@ -85,13 +85,22 @@ class _Checker:
         lengths = {tool.number: np.array(tool.tip_mm) for tool in self._cell.tools}
         told = np.isfinite(motions["rotary"]).all(axis=1) & (motions["how"] != How.MACHINE)
         axes[told] = self._axes_of(motions["rotary"][told])
+        named: set[str] = set()
         for index, words in self._reading.joints.items():
-            joints = np.array([[words[letter] for letter in self._cell.letters]])
+            line = int(motions["line"][index])
+            planned = self._program.table["joints_end"][line]
+            joints = np.array([[words.get(letter, planned[k]) for k, letter in enumerate(self._cell.letters)]])
+            named |= words.keys()
+            if (
+                index + 1 < len(motions)
+                and motions["how"][index + 1] != How.MACHINE
+                and named != set(self._cell.letters)
+            ):
+                self._worst.note(line, "an axis has not been told where to go")
             after = int(motions["tool"][index : index + 2][-1])  # a change of tool moves nothing but the tip
             tip, axis = self._chain.forward(joints, lengths.get(after, np.zeros(3)))
             tips[index], axes[index] = tip[0] - self._offset, axis[0]
-            line = int(motions["line"][index])
-            if np.abs(joints[0] - self._program.table["joints_end"][line]).max() > _ROUNDING_MM:
+            if np.abs(joints[0] - planned).max() > _ROUNDING_MM:
                 self._worst.note(line, "the axes go elsewhere than planned")
         known = np.isfinite(axes[:, 0])
         last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
