@@ -51,6 +51,7 @@ class Deposition(Facts):
     interpass_s: NotNegative = Field(description="least time from the start of one layer to the start of the next")
     max_overhang_deg: Positive = Field(description="wall angle from the build direction that holds without tilting")
     max_tilt_deg: Positive = Field(lt=90, description="head off the layer's direction, over an overhang; beyond it the pool runs")
+    cone_deg: NotNegative = Field(15.0, lt=90, description="head off the axis that was planned, to clear an obstacle or to pass the pole; a choice")
     max_unsupported_mm: Positive = Field(
         description="along the side surface: how far a bead laid with the head along that surface may reach beyond what carries it"
     )
@@ -61,6 +62,13 @@ class Deposition(Facts):
     stock_allowance_mm: NotNegative = Field(description="metal outside the part before milling, normal to the wall")
     lead_in_mm: NotNegative
     lead_out_mm: NotNegative
+    ramp_mm: NotNegative = Field(0.0, le=10.0, description="of bead at its start, and at its end, over which power rises and falls; 0: at once")
+    ramp_power: Fraction = Field(1.0, description="share of the power with which a ramp begins and ends, never below the window's least")
+    first_layer_power: Positive = Field(1.0, ge=0.5, le=2.0, description="times the power, on the cold substrate")
+    edge_power: Positive = Field(1.0, ge=0.5, le=2.0, description="times the power, of the outermost contour")
+    max_interpass_k: Positive | None = Field(
+        None, description="part and plate when a layer begins, by part_heat's balance: layers wait for it; none: no limit"
+    )
 
 
 class Milling(Facts):

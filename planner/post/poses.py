@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,16 +72,30 @@ class PoseSolver:
         self._columns = list(self.pair.columns)
         self._low, self._high = (side[self._columns] for side in travel(cell.axes))
         self._speed = np.array([cell.axes[column].max_velocity for column in self._columns])
-        self._cone_rad = float(np.deg2rad(CONE_SHARE * cell.axis_tolerance_deg))
+        self.cone_rad = float(np.deg2rad(CONE_SHARE * cell.axis_tolerance_deg))
+        self._spin_deg: float | None = None
+        self._branch: int | None = None
 
-    def solve(self, rows: Rows, start: Floats, places: Sequence[str], spin_deg: float | None = None) -> Poses:
+    def with_spin(self, spin_deg: float) -> PoseSolver:
+        """The same with the spin joint at an angle, deg, where the axis leaves it free all along: the part turned about the tool."""
+        other = copy(self)
+        other._spin_deg = spin_deg
+        return other
+
+    def with_branch(self, branch: int) -> PoseSolver:
+        """The same with one of both branches (0, 1) only."""
+        other = copy(self)
+        other._branch = branch
+        return other
+
+    def solve(self, rows: Rows, start: Floats, places: Sequence[str]) -> Poses:
         """Poses of all rows, beginning as near as possible to the joints (5,) where the machine stands.
 
-        places : one text per pass, for messages   spin_deg : of the spin joint, where the axis leaves it free all along; none: as it stands
+        places : one text per pass, for messages
         Raises ReachError where no pose gives the axis, where the linear axes do not span space, or where a joint would wind
         out of its travel within passes that follow each other on the part. Other travel is not checked here.
         """
-        found = rotary_angles(self.pair, rows.axis, self._cone_rad)
+        found = rotary_angles(self.pair, rows.axis, self.cone_rad)
         if not found.is_reachable.all():
             row = int(np.argmin(found.is_reachable))
             direction = ", ".join(f"{value:.3f}" for value in rows.axis[row])
@@ -90,8 +105,8 @@ class PoseSolver:
                 "turn the part on the table or choose another build direction",
             )
         stood = start[self._columns]
-        if spin_deg is not None and found.is_free.all():
-            stood = np.where(np.arange(2) == self.pair.spin, spin_deg, stood)
+        if self._spin_deg is not None and found.is_free.all():
+            stood = np.where(np.arange(2) == self.pair.spin, self._spin_deg, stood)
         rotary = self._continuous(rows, found.angles, ~found.is_free, stood)
         self._check_winding(rows, rotary, places)
         joints = np.zeros((len(rows.tip), 5))
@@ -159,6 +174,8 @@ class PoseSolver:
             over = excess(self.cell.axes, linear_joints(self.chain, joints, rows.tip[known], self.tool_tip_mm))
             over[:, self._columns] = 0.0
             cost[over.any(axis=1), branch] = OUTSIDE_S
+        if self._branch is not None:
+            cost[:, 1 - self._branch] = np.inf
         return cost
 
     def _starts_piece(self, rows: Rows) -> Bools:

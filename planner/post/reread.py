@@ -17,7 +17,7 @@ from planner.post.dialect import check_dialect, joint_dialect
 from planner.post.pass_curve import PassCurve
 from planner.post.per_length import is_off, powder_slack_s, power_slack_s
 from planner.post.read_blocks import Reading
-from planner.post.tools import tool_for
+from planner.post.tools import tools_for
 from planner.program import Channel, LineKind, Program
 
 Bools = NDArray[np.bool_]
@@ -83,7 +83,8 @@ def check(
         item = operations[number].passes[index]
         place = f"pass {index} of operation {number}"
         curve = PassCurve(item, program.machine_from_build, place)
-        if np.any(reading.tool[lines] != tool_for(operations[number], cell).number):
+        fit = [tool.number for tool in tools_for(operations[number], cell)]
+        if not np.isin(reading.tool[lines], fit).all():
             faults.append(f"{place}: another tool is in")
         errors = _geometry(paths[0][:, group], paths[1][:, group], table, lines, curve)
         ratio = _feed_ratio(paths[0][:, group], reading, table, lines, item, curve, rounding_mm)

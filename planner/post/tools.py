@@ -39,6 +39,24 @@ def tool_for(operation: Operation, cell: Cell) -> Tool:
     )
 
 
+def tools_for(operation: Operation, cell: Cell) -> list[Tool]:
+    """What may do an operation: first `tool_for`, then others of its kind and diameter, those that stick out less first.
+
+    Raises PostError that lists what is there.
+    """
+    first = tool_for(operation, cell)
+    others = [
+        tool
+        for tool in cell.tools
+        if tool.number != first.number
+        and tool.kind == first.kind
+        and abs(tool.diameter_mm - first.diameter_mm) <= _SAME_DIAMETER_MM
+        and tool.corner_radius_mm == first.corner_radius_mm
+        and (operation.process.is_deposit or operation.spindle_rpm <= tool.max_rpm)
+    ]
+    return [first, *sorted(others, key=lambda tool: (tool.stickout, tool.number))]
+
+
 def _checked(tool: Tool, operation: Operation) -> Tool:
     if not operation.spindle_rpm > 0.0:
         raise PostError(
