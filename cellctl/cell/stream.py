@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cellctl.cell.arc_ways import bows, plane_of
 from cellctl.cell.modes import DEPOSIT, SAFE, Modes
 from cellctl.cell.safety import LaserHand
 from cellctl.cell.transaction import Step, Transaction
@@ -64,7 +65,7 @@ class Run:
         self.job = job
         self.name = name
         self.program = program
-        self.timeline = Timeline.from_table(program.table, gate_of_lines(program))
+        self.timeline = Timeline.from_table(program.table, gate_of_lines(program), bows(program, cell), plane_of(program))
         period = cell.cnc.status_period_s
         self.follower = Follower(self.timeline, period)
         self.judge = MotionJudge(cell.limits.moving_mm_s, EXPECT_PERIODS * period)

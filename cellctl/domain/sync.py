@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cellctl.domain.arcs import along_and_across, arc_over_chord, fraction_of_arc
 
 RATE_BOUNDS = (
     0.0,
@@ -23,6 +25,8 @@ class Timeline:
     arc_mm : (n + 1,) float, path length of the tip in the build frame up to the start of each line, and at the end
     tip_end, axis_end : (n, 3) float; joints_end : (n, axes) float, machine coordinates
     is_emitting : (n,) bool, whether the gate is open on this line by the Program's own words
+    bulge : (n,) float, tan(sweep / 4) of lines that are arcs of the joints of `plane`, 0: straight; none: all are
+    bow : (n, 3) float, build frame, from the middle of the chord of the tip's way to the middle of the arc
     """
 
     time_start_s: NDArray[np.float64]
@@ -32,12 +36,23 @@ class Timeline:
     axis_end: NDArray[np.float64]
     joints_end: NDArray[np.float64]
     is_emitting: NDArray[np.bool_]
+    bulge: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    bow: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    plane: tuple[int, int] = (0, 1)
 
     @classmethod
-    def from_table(cls, table: NDArray[Any], is_emitting: NDArray[np.bool_]) -> Timeline:
-        """From a Program's table, (n,) of planner.program.LINE_DTYPE, and the gate of each line."""
+    def from_table(
+        cls,
+        table: NDArray[Any],
+        is_emitting: NDArray[np.bool_],
+        bow: NDArray[np.float64] | None = None,
+        plane: tuple[int, int] = (0, 1),
+    ) -> Timeline:
+        """From a Program's table, (n,) of planner.program.LINE_DTYPE, and the gate of each line; bow, plane : of its arcs."""
         tip = np.ascontiguousarray(table["tip_end"], dtype=np.float64)
+        bulge = np.ascontiguousarray(table["bulge"], dtype=np.float64)
         steps = np.linalg.norm(np.diff(tip, axis=0), axis=1) if len(tip) > 1 else np.zeros(0)
+        steps *= arc_over_chord(bulge[1:])
         first = np.zeros(2 if len(tip) else 1)
         return cls(
             np.ascontiguousarray(table["time_start_s"], dtype=np.float64),
@@ -47,13 +62,16 @@ class Timeline:
             np.ascontiguousarray(table["axis_end"], dtype=np.float64),
             np.ascontiguousarray(table["joints_end"], dtype=np.float64),
             is_emitting,
+            bulge,
+            np.zeros((len(tip), 3)) if bow is None else bow,
+            plane,
         )
 
     def __len__(self) -> int:
         return len(self.time_start_s)
 
     def fraction(self, line: int, joints: NDArray[np.float64]) -> float:
-        """How much of the line is behind reported joints (axes,): projection on its chord, 0..1. A line without motion gives 0."""
+        """How much of the line is behind reported joints (axes,): projection on its chord or its arc, 0..1. A line without motion gives 0."""
         if line <= 0 or line >= len(self):
             return 0.0
         start = self.joints_end[line - 1]
@@ -61,6 +79,9 @@ class Timeline:
         square = float(chord @ chord)
         if square < STANDSTILL**2:
             return 0.0
+        if len(self.bulge) and self.bulge[line] != 0.0:
+            xy = list(self.plane)
+            return fraction_of_arc(start[xy], self.joints_end[line][xy], float(self.bulge[line]), joints[xy])
         return min(max(float((joints - start) @ chord) / square, 0.0), 1.0)
 
     def time_at(self, line: int, fraction: float) -> float:
@@ -81,7 +102,11 @@ class Timeline:
         """Tip (3,) mm and tool axis (3,) in the build frame at a fraction of a line."""
         line = min(max(line, 0), len(self) - 1)
         before = max(line - 1, 0)
-        tip = self.tip_end[before] + fraction * (self.tip_end[line] - self.tip_end[before])
+        bulge = float(self.bulge[line]) if len(self.bulge) else 0.0
+        along, across = along_and_across(bulge, fraction)
+        tip = self.tip_end[before] + along * (self.tip_end[line] - self.tip_end[before])
+        if bulge != 0.0:
+            tip += across * 2.0 / abs(bulge) * self.bow[line]
         axis = self.axis_end[before] + fraction * (self.axis_end[line] - self.axis_end[before])
         length = float(np.linalg.norm(axis))
         return tip, axis / length if length > 0 else self.axis_end[line]

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cellctl.cell.arc_ways import bows, plane_of
+from cellctl.cell.stream import gate_of_lines
+from cellctl.domain.arcs import fraction_of_arc
 from cellctl.domain.sync import Follower, MotionJudge, Timeline
+from config.cell import load_cell
+from planner.kinematics.chain import Chain
+from planner.post import post
+from tests.unit.planner.hand_plan import contour_operation, plan_of
 
 SPEED = 10.0  # mm/s
 LINES = 10
@@ -104,3 +111,37 @@ def test_expected_motion_ends_by_itself_and_at_once_on_standstill() -> None:
 @pytest.mark.parametrize(("override", "factor"), [(1.0, 1.0), (0.5, 0.5), (0.1, 0.3), (2.0, 1.0)])
 def test_power_follows_a_reduced_override_between_its_bounds(override: float, factor: float) -> None:
     assert Follower(straight(), 0.1).power_factor(override) == factor
+
+
+@pytest.mark.parametrize("name", ["trunnion_tcp", "head_head"])
+def test_joints_reported_anywhere_on_an_arc_give_its_length_and_the_tip_there(name: str) -> None:
+    cell = load_cell(name)
+    program = post(plan_of([contour_operation(0)]), cell)
+    timeline = Timeline.from_table(program.table, gate_of_lines(program), bows(program, cell), plane_of(program))
+    arcs = np.flatnonzero(program.table["bulge"])
+    assert len(arcs) >= 2 and np.abs(program.table["bulge"]).max() > 0.5
+    chain, tool = Chain.from_cell(cell), np.array(cell.tools[0].tip_mm)
+    turn = program.machine_from_build
+    for line in arcs:
+        start, end = program.table["joints_end"][line - 1], program.table["joints_end"][line]
+        sweep = 4.0 * np.arctan(program.table["bulge"][line])
+        chord = complex(*(end - start)[:2])
+        centre = complex(*start[:2]) + chord / (1.0 - np.exp(1j * sweep))
+        length = abs(sweep) * abs(complex(*start[:2]) - centre)
+        for share in (0.0, 1e-4, 0.21, 0.5, 0.77, 1.0):
+            here = centre + (complex(*start[:2]) - centre) * np.exp(1j * sweep * share)
+            joints = np.concatenate([[here.real, here.imag], start[2:]])
+            fraction = timeline.fraction(int(line), joints)
+            assert timeline.arc_at(int(line), fraction) - timeline.arc_mm[line] == pytest.approx(
+                share * length, abs=1e-6
+            )
+            tip = chain.forward(joints[None], tool)[0][0]
+            build = np.linalg.inv(turn) @ np.append(tip, 1.0)
+            assert timeline.tip_at(int(line), fraction)[0] == pytest.approx(build[:3], abs=1e-6)
+
+
+def test_a_place_beside_a_half_circle_is_behind_its_start_or_beyond_its_end() -> None:
+    start, end = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
+    assert fraction_of_arc(start, end, 1.0, np.array([1.0, -0.01])) == 0.0
+    assert fraction_of_arc(start, end, 1.0, np.array([-1.0, -0.01])) == 1.0
+    assert fraction_of_arc(start, end, -1.0, np.array([0.0, -2.0])) == pytest.approx(0.5)
