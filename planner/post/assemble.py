@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from config.cell import Cell
 from planner.kinematics.chain import Chain, Floats
-from planner.kinematics.timing import predicted_times
 from planner.plan import Operation
 from planner.post.blocks import Script, inverse_time
+from planner.post.clock import item_times
 from planner.post.dialect import JointDialect
 from planner.post.draft import Draft
 from planner.post.header import About, header_texts, operation_text, remark
 from planner.post.macros import MacroBook
 from planner.post.splines import Splines
-from planner.post.tape import Entry, Move, Tape, schedule_of
+from planner.post.tape import Entry, Tape, schedule_of
 from planner.post.words import Words, decimal
 from planner.program import LINE_DTYPE, Channel
 
@@ -65,9 +65,8 @@ def assemble(tape: Tape, setting: Setting) -> Assembly:
     words = Words.of(cell, setting.work_offset)
     draft = Draft.of(tape, words)
     start = np.array([axis.home for axis in cell.axes])
-    acceleration = np.array([axis.max_acceleration for axis in cell.axes])
     if tape.dwells:
-        draft = _dwelt(tape, draft, _times(draft.items, start, acceleration))
+        draft = _dwelt(tape, draft, _times(draft, setting, tape))
     entries = tape.entries
     if setting.dialect.has_splines:
         draft = _splined(draft, words, setting, start, entries)
@@ -83,7 +82,7 @@ def assemble(tape: Tape, setting: Setting) -> Assembly:
     book = MacroBook(cell, setting.dialect.NAME, setting.dialect.MACROS, setting.dialect.values(cell))
     draft = draft.completed(book)
     items = draft.items
-    times = _times(items, start, acceleration)
+    times = _times(draft, setting, tape)
     for line, text in enumerate(_header(draft, setting, float(times.sum()))):
         draft.texts[line] = text
     lines = _lines(draft, words, setting, start)
@@ -134,19 +133,10 @@ def _remark_operations(draft: Draft, setting: Setting) -> None:
         draft.add_remark(int(row), remark(operation_text(int(number[row]), operation, tool)))
 
 
-def _times(items: NDArray[np.void], start: Floats, acceleration: Floats) -> Floats:
-    steps = np.diff(np.vstack([start, items["joints"]]), axis=0)
-    stops = items["stop"] | np.append(False, items["stop"][:-1])
-    return predicted_times(steps, items["time_s"], _before_motion(stops, items["move"]), acceleration)
-
-
-def _before_motion(stops: NDArray[np.bool_], move: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Standing carried on over lines without motion to the next motion."""
-    result = stops.copy()
-    for i in np.flatnonzero(move == Move.NONE):
-        if result[i] and i + 1 < len(result):
-            result[i + 1] = True
-    return result
+def _times(draft: Draft, setting: Setting, tape: Tape) -> Floats:
+    """(n,) s that the rows take, waits at barriers not counted."""
+    waits = np.array(sorted({entry.item for entry in tape.entries if entry.is_barrier}), dtype=np.int64)
+    return item_times(draft.items, setting.cell, draft.line_of_item(tape.count)[waits])
 
 
 def _dwelt(tape: Tape, draft: Draft, times: Floats) -> Draft:

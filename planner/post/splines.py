@@ -27,6 +27,7 @@ _CORNER_RAD = np.deg2rad(15.0)  # between two moves: there the curve is not smoo
 _SAME_FEED = 0.002  # relative
 _FIT_SHARE = 0.6  # of the moves' tolerance: what the fit may leave; rounding of the poles takes the rest
 _CUBIC = 3
+_STRAIGHT_SHARE = 0.02  # of the greatest curvature
 _SAMPLES_PER_ROW = 6
 _MAX_ORDER = 6
 _WEIGHT_DECIMALS = 6
@@ -131,15 +132,17 @@ class Splines:
         points = self._plane(curve.tips(curve.at_arc_length(arcs)), begin)
         if points is None:
             return None
+        share = _rhythm(points)
         most = int(budget / (2 * _MOVE_BYTES)) - 3
         spans = 1
         while spans <= most:
-            poles = self._fit(points, counts[[begin, end]][:, self._xy], spans)
+            poles = self._fit(points, share * spans, counts[[begin, end]][:, self._xy])
             if poles is not None:
                 lines = len(poles)  # the first pole stands already; G5.3 is one line more
-                found = Planar(poles, np.ones(lines), _CUBIC + 1, np.linspace(low, high, lines + 1))
+                reached = np.interp(np.linspace(0.0, 1.0, lines + 1), share, arcs)
+                found = Planar(poles, np.ones(lines), _CUBIC + 1, reached)
                 return found if self._size(found, begin) < budget else None
-            spans += 1 + spans // 3
+            spans += 1 + spans // 6
         return None
 
     def _pass(self, operation: int, index: int) -> PassCurve:
@@ -159,10 +162,10 @@ class Splines:
             return None
         return np.asarray((moved - self._words.offset)[:, self._xy])
 
-    def _fit(self, points: Floats, ends: Ints, spans: int) -> Ints | None:
-        """(spans + 3, 2) int: poles of the cubic through both ends that leaves points (k, 2) least, in the middle of squares; None: too far."""
+    def _fit(self, points: Floats, u: Floats, ends: Ints) -> Ints | None:
+        """(spans + 3, 2) int: poles of the cubic through both ends nearest, by least squares, to points (k, 2) at u (k,); None: too far."""
+        spans = round(float(u[-1]))
         knots = np.concatenate([np.zeros(_CUBIC), np.arange(spans + 1.0), np.full(_CUBIC, float(spans))])
-        u = np.linspace(0.0, spans, len(points))
         at = find_spans(_CUBIC, knots, u)
         matrix = np.zeros((len(u), spans + _CUBIC))
         matrix[np.arange(len(u))[:, None], at[:, None] - _CUBIC + np.arange(_CUBIC + 1)] = basis_functions(
@@ -238,6 +241,21 @@ class Splines:
             size += sum(1 + len(decimal(count, places)) for count in column[says].tolist())
         arcs = int(np.count_nonzero(self._draft.items["bulge"][begin:end]))
         return size + arcs * 2 * (_MOVE_BYTES + int(self._words.decimals[self._xy[0]]))
+
+
+def _rhythm(points: Floats) -> Floats:
+    """(k,) float from 0 to 1: parameters for points (k, 2) of a curve whose knots are to be evenly apart: its affine arc length.
+
+    That is the integral of the cube root of the curvature: spans are short where the way bends. Near straight stretches keep a little.
+    """
+    steps = np.diff(points, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    bend = np.abs(np.diff(angle)) / np.maximum(0.5 * (length[1:] + length[:-1]), 1e-12)
+    bend = np.concatenate([bend[:1], bend, bend[-1:]])
+    density = np.cbrt(bend / max(float(bend.max()), 1e-12) + _STRAIGHT_SHARE)
+    whole = np.append(0.0, np.cumsum(0.5 * (density[1:] + density[:-1]) * length))
+    return np.asarray(whole / whole[-1])
 
 
 def _is_uniform(curve: Curve) -> bool:

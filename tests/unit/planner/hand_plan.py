@@ -50,6 +50,20 @@ def contour_operation(layer: int, interpass_s: float = 0.0) -> Operation:
     return Operation(Process.DEPOSIT_CONTOUR, layer, passes, interpass_s=interpass_s, bead_width_mm=2.0)
 
 
+def oval(long: float = RADIUS_MM, short: float = 0.6 * RADIUS_MM, z: float = 0.0, points: int = 60) -> Curve:
+    """An ellipse: round all the way and nowhere a circle."""
+    turn = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
+    return interpolate(np.column_stack([long * np.cos(turn), short * np.sin(turn), np.full(points, z)]), closed=True)
+
+
+def oval_operation(layer: int) -> Operation:
+    """A contour on an ellipse, with its lead-in and lead-out."""
+    z = HEIGHT_MM * layer
+    low, high = (RADIUS_MM, 0.0, z), (RADIUS_MM, 0.0, z + CLEAR_MM)
+    passes = (link(high, low), bead(oval(z=z)), link(low, high))
+    return Operation(Process.DEPOSIT_CONTOUR, layer, passes, bead_width_mm=2.0)
+
+
 def fill_operation(layer: int) -> Operation:
     z = HEIGHT_MM * layer
     here = (RADIUS_MM, 0.0, z + CLEAR_MM)

@@ -11,11 +11,10 @@ from config.cell import load_cell
 from planner.post import post
 from planner.program import Program
 from sim.cnc.firmware import Firmware
-from tests.unit.planner.hand_plan import cone_operation, fill_operation, plan_of
+from tests.unit.planner.hand_plan import cone_operation, contour_operation, fill_operation, oval_operation, plan_of
 
 STEP_S = 0.02
 WINDOW_BYTES = 900
-TOOL_CHANGE_S = 3.0  # at most, each, in the simulated cell; the prediction leaves it out
 
 
 def homed(machine: Firmware) -> Firmware:
@@ -50,12 +49,15 @@ def run(machine: Firmware, program: Program) -> tuple[float, list[str]]:
 @pytest.mark.parametrize("name", ["trunnion_tcp", "head_head", "head_table"])
 def test_the_simulated_firmware_runs_the_program_to_its_end_in_the_predicted_time(name: str) -> None:
     cell = load_cell(name)
-    program = post(plan_of([fill_operation(0), cone_operation(0)]), cell)
+    program = post(plan_of([fill_operation(0), contour_operation(0), oval_operation(0), cone_operation(0)]), cell)
+    assert name == "head_head" or any("G3" in line for line in program.lines)
+    assert any(line.endswith("op 3 mill_side T2)") for line in program.lines)
     machine = homed(Firmware(cell))
+    was_in = machine.machine.tool
     seconds, complaints = run(machine, program)
     assert complaints == []
-    changes = sum(" M6 " in line for line in program.lines)
-    assert 0.98 * program.duration_s - 0.1 <= seconds <= 1.03 * program.duration_s + TOOL_CHANGE_S * changes
+    expected = program.duration_s - (cell.response.tool_change_s if was_in == program.tools[0] else 0.0)
+    assert 0.97 * expected - 0.1 <= seconds <= 1.03 * expected + 0.1
     machine.transmit()
     machine.receive(b"?")
     report = next(text for text in machine.transmit().decode().split("\r\n") if text.startswith("<"))

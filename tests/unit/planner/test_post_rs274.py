@@ -19,7 +19,7 @@ from planner.post.read_blocks import Reading
 from planner.post.read_curves import de_boor
 from planner.post.reread import read
 from planner.program import Program
-from tests.unit.planner.hand_plan import hybrid_plan
+from tests.unit.planner.hand_plan import cone_operation, contour_operation, fill_operation, oval_operation, plan_of
 
 RS274 = shutil.which("rs274")
 PYTHON = "/usr/bin/python3"  # the one that Debian's module `gcode` is built for
@@ -73,7 +73,8 @@ print(json.dumps({"result": result, "line": line, "feeds": canon.feeds}))
 
 @cache
 def posted(name: str, dialect: str) -> Program:
-    return post(hybrid_plan(), load_cell(name), dialect=dialect)
+    plan = plan_of([contour_operation(0), oval_operation(0), fill_operation(0), cone_operation(0)])
+    return post(plan, load_cell(name), dialect=dialect)
 
 
 def written(program: Program, folder: Path, without: str = "") -> Path:
@@ -183,7 +184,7 @@ def test_linuxcnc_expands_each_nurbs_to_points_of_our_curve(tmp_path: Path) -> N
     told = json.loads(done.stdout.splitlines()[-1])
     assert told["line"] >= len(program.lines) - 1
     splines = reading.splines
-    assert len(splines.points) == 2
+    assert len(splines.points) == 1
     feeds = np.array(told["feeds"])
     for k, points in enumerate(splines.points):
         end = int(splines.lines[splines.number == k][-1]) + 1
