@@ -17,6 +17,7 @@ _LINE_SHARE = 0.8  # of the tolerances, for straight moves; words rounded take o
 _WEIGHT_SHARE = 0.1  # of the tip tolerance: what weights rounded to the control's step may move the curve
 _WEIGHT_TRIALS = 30_000  # numbers that all weights are multiplied by to bring them near to the control's step
 _SAME_KNOT = 1e-9  # of the domain: knots of tip and axis nearer than this are one
+_SAME_CURVE = 1e-7  # mm: how far knots that go may move the curve; the numbers written have 1e-6
 _SAME_PLACE = 1e-6  # of the domain: a cut nearer to a knot than this is made there
 _PROBES = (0.25, 0.5, 0.75)  # of a move, where its axis is compared with the pass
 _MAX_HALVINGS = 20
@@ -101,7 +102,7 @@ def splines(
     degree = max(tip.degree, axis.degree if isinstance(axis, Curve) else 0)
     if tip.degree == 1 or degree not in control.degrees or (isinstance(axis, Curve) and not control.takes_axis_splines):
         return []
-    tip = _between(tip, start, end).with_degree(degree)
+    tip = _lean(_between(tip, start, end).with_degree(degree))
     if not isinstance(axis, Curve):
         unit = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
         found = [
@@ -109,7 +110,7 @@ def splines(
             for part in _simple_parts(tip, _corners(tip))
         ]  # fmt: skip
     else:
-        axis = _between(axis, start, end).with_degree(degree)
+        axis = _lean(_between(axis, start, end).with_degree(degree))
         axis = _snapped(axis, tip)
         cuts = np.union1d(_corners(tip), _corners(axis))
         pairs = zip(_simple_parts(tip, cuts), _simple_parts(axis, cuts), strict=True)
@@ -155,6 +156,13 @@ def _between(curve: Curve, start: float, end: float) -> Curve:
         return curve
     parts = curve.split(cuts)
     return parts[1] if start > low + slack else parts[0]
+
+
+def _lean(curve: Curve) -> Curve:
+    """The curve without knots that it does not need: joints of pieces that run smoothly into each other."""
+    if curve.weights is not None or _corners(curve).size == 0:
+        return curve
+    return curve.without_knots(_SAME_CURVE)[0]
 
 
 def _nearest(curve: Curve, at: float) -> float:

@@ -90,9 +90,9 @@ def laid_out(
     lines: Texts = []
     counts = np.ones(len(rows), dtype=np.int64)
     for i, text in enumerate(texts):
-        if isinstance(text, str):
+        if isinstance(text, str) and text:
             lines.append(text)
-        else:
+        else:  # of a block that says nothing new there is no line
             lines += text
             counts[i] = len(text)
     of_line = np.repeat(np.arange(len(rows)), counts)
