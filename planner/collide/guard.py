@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from config.cell import Cell, Tool
-from planner.collide.bodies import Body, Packed, bodies_of, plate_body
+from planner.collide.bodies import PLATE, Body, Packed, bodies_of, plate_body
 from planner.collide.carriers import Carriers
 from planner.collide.clearance import Clearance
 from planner.collide.follow import Watch, follow
@@ -64,6 +64,7 @@ class Guard:
         self.standing = Standing()
         self._carriers = Carriers.of(chain, cell.machine.parked_offset_mm if cell.machine else (0.0, 0.0, 0.0))
         self._bodies = self._all_bodies()
+        self._flutes = {body.name for body in self._bodies if body.is_flutes}
         self._mountings: dict[tuple[int, bool], _Mounted] = {}
         self._layers = {layer.index: layer for layer in plan.layers}  # whose walls do not stand yet
         self._ups = {layer.index: np.asarray(layer.top[3:6], dtype=np.float64) for layer in plan.layers}
@@ -111,11 +112,13 @@ class Guard:
         return np.asarray(found.mm < np.where(is_part, -max(PART_MM, self.contact_mm), -self.contact_mm))
 
     def note(self, found: Clearance) -> None:
-        """Keep the least clearances of what is really run, for `least`."""
+        """Keep the least clearances of what is really run, for `least`; flutes that touch what they come to cut do not count."""
         for number in np.unique(found.pairs[found.pairs >= 0]):
             rows = np.flatnonzero(found.pairs == number)
             row = int(rows[np.argmin(found.mm[rows])])
             pair, gap = found.names[int(number)], float(found.mm[row])
+            if pair[0] in self._flutes and pair[1] in (PART, PLATE) and not self.hits(found)[row]:
+                continue
             if pair not in self._least or gap < self._least[pair].mm:
                 self._least[pair] = Least(pair, gap, found.place(row), found.why(row))
 
@@ -134,7 +137,7 @@ class Guard:
         if operation.process.is_deposit or not self.is_watching:
             return
         poses, numbers = cutter_poses(operation.passes)
-        radius, edge, length = self._flutes(operation)
+        radius, edge, length = self._cutting_end(operation)
         self._taken = self.standing.cut(poses, self._step + numbers, radius, edge, length)
 
     def advance(self, operation: Operation) -> None:
@@ -152,7 +155,7 @@ class Guard:
         self._taken, self._begun = np.empty(0, dtype=np.int64), ()
         self._step += len(operation.passes)
 
-    def _flutes(self, operation: Operation) -> tuple[float, float, float]:
+    def _cutting_end(self, operation: Operation) -> tuple[float, float, float]:
         """Radius, rounding of the edge and length of the flutes of the cell's cutters that an operation may be done with, mm."""
         radius = 0.5 * operation.cutter_diameter_mm
         fit = [tool for tool in self.cell.tools if tool.kind != "deposition" and abs(tool.diameter_mm - 2.0 * radius) < 0.01]

@@ -18,7 +18,7 @@ from planner.post.tape import Move, Origin, Tape
 _UPRIGHT = 0.5  # least share of the retracting axis' motion that goes along the machine's z
 _SAME = 1e-6  # mm or deg
 _LIFTS = (1.0, 3.0, 8.0, 20.0)  # of the cell's rapid clearance: tried in order, the full retract after them
-_ROOM_MM = 1.0  # that a way across keeps from everything; up from a pass and down to one it is as near as those are
+_ROOM_MM = 3.0  # that a way across keeps from everything; up from a pass and down to one it is as near as those are
 _ROUNDING_MM = 0.05
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from config import ConfigError
 from config.cell import Cell, Placement
 from config.material import load_material
+from planner.collide.guard import Least
 from planner.errors import PostError
 from planner.files.plan_file import plan_sha256
 from planner.kinematics.chain import Chain, Floats
@@ -29,11 +30,15 @@ from planner.recipe import parse_recipe
 
 @dataclass(frozen=True)
 class PostReport:
-    """What posting did: the text read back against the Plan, and where it had to depart from the Plan's feeds."""
+    """What posting did: the text read back against the Plan, and where it had to depart from the Plan's feeds.
+
+    least : what came nearest to what, up to 2 mm; None: the cell file draws no bodies, nothing was looked for
+    """
 
     reread: RereadReport
     counts: Counts
     speed: SpeedReport
+    least: tuple[Least, ...] | None = None
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -43,7 +48,11 @@ class PostReport:
         ]
         told += self.speed.lines
         if self.counts.positionings:
-            told.append(f"{self.counts.positionings} times retracted and positioned where no link of the plan leads")
+            told.append(f"{self.counts.positionings} times lifted and positioned where no link of the plan leads")
+        if self.least is None:
+            told.append("the cell file draws no machine: nobody looked for collisions")
+        elif self.least:
+            told.append(f"least clearance: {self.least[0].why}")
         return (*told, *self.counts.changes)
 
 
@@ -79,7 +88,8 @@ def post_with_report(
     program = replace(_program(made, about, placed), cell_sha256=given.sha256)
     reread = check(program, plan, cell, chain, posted) if language else read_back(program, posted, cell, chain)
     verify(reread, cell)
-    return program, PostReport(reread, sequencer.counts, speed_report(sequencer, program))
+    least = sequencer.guard.least if sequencer.guard.is_watching else None
+    return program, PostReport(reread, sequencer.counts, speed_report(sequencer, program), least)
 
 
 def _without_arcs(cell: Cell) -> Cell:

@@ -204,7 +204,7 @@ class Sequencer:
         if rpm == self._spindle_rpm:
             return
         if self.state.is_emitting:
-            self._stand_clear(origin)
+            self._lift(origin)
         text = f"M3 S{rpm:.0f}" if rpm > 0.0 else "M5"
         place, wait_s = (
             Origin(LineKind.TOOL, origin.layer, origin.operation),
@@ -218,9 +218,15 @@ class Sequencer:
         if operation.interpass_s <= 0.0 or not earlier:
             return
         if self.state.is_emitting:
-            self._stand_clear(origin)
+            self._lift(origin)
         since = self._layer_starts[max(earlier)]
         self.tape.dwell(Origin(LineKind.DWELL, origin.layer, origin.operation), operation.interpass_s, since)
+
+    def _lift(self, origin: Origin) -> None:
+        """Gate off with a move a little away from the part, to wait there."""
+        self.state.darken(origin)
+        tool = next((item for item in self.cell.tools if item.number == self.tape.tool), None)
+        self._positioner.stand_clear(self.tape, tool, origin)
 
     def _stand_clear(self, origin: Origin) -> None:
         """Laser gate off with a move away from the part: a gate that waits for motion would stay on through a halt."""

@@ -30,7 +30,8 @@ TOP_MM = HEIGHT_MM * LAYERS
 
 def layer(index: int, *operations: Operation) -> Layer:
     bottom = np.array([0.0, 0.0, HEIGHT_MM * index, *UP])
-    return Layer(index, bottom, bottom + [0.0, 0.0, HEIGHT_MM, 0.0, 0.0, 0.0], (), (), 0.0, 0.0, operations)
+    top = np.array([0.0, 0.0, HEIGHT_MM * (index + 1), *UP])
+    return Layer(index, bottom, top, (), (), 0.0, 0.0, operations)
 
 
 def wall(index: int) -> Operation:
@@ -162,12 +163,15 @@ def test_a_thin_wall_between_two_poses_is_met_on_the_way(walled: Guard, trunnion
     assert walled.hits(joined).tolist() == [False, True] and joined.pair(1) == ("T2 flutes", "part")
 
 
-def test_the_least_that_was_noted_is_kept_for_each_pair(walled: Guard, trunnion: Cell) -> None:
-    cutter = trunnion.tools[1]
-    for x in (9.0, 6.2, 8.0):
-        walled.note(walled.clearance(cutter, upright(trunnion, 1, (x, 0.0, 3.0)), cuts=False, limit_mm=5.0))
-    (beside,) = [least for least in walled.least if least.pair == ("T2 flutes", "part")]
-    assert beside.mm == pytest.approx(6.2 - 4.0 - 0.5 * WIDTH_MM, abs=PART_MM)
+def test_the_least_that_was_noted_is_kept_for_each_pair_but_for_flutes_that_touch_the_part(walled: Guard, trunnion: Cell) -> None:
+    head = trunnion.tools[0]
+    end = 0.5 * head.nozzle.end_diameter_mm  # 13 mm over the plate; its cone is wider where the wall ends, 3 mm higher
+    for beside in (4.0, 2.0, 3.0):
+        joints = upright(trunnion, 0, (0.5 * WIDTH_MM + end + beside, 0.0, 0.0))
+        walled.note(walled.clearance(head, joints, cuts=False, limit_mm=5.0))
+    walled.note(walled.clearance(trunnion.tools[1], upright(trunnion, 1, (5.0, 0.0, 3.0)), cuts=False, limit_mm=5.0))
+    (nearest,) = walled.least
+    assert nearest.pair == ("nozzle", "part") and nearest.mm == pytest.approx(2.0 - 0.8, abs=PART_MM)
 
 
 @pytest.mark.parametrize("name", CELLS)
