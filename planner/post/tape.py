@@ -135,11 +135,11 @@ class Tape:
         while begin > item:
             kept -= 1
             begin -= len(self._chunks[kept])
-        return np.concatenate(self._chunks[kept:]) if kept < len(self._chunks) else np.zeros(0, ITEM_DTYPE)
+        return _joined(self._chunks[kept:]) if kept < len(self._chunks) else np.zeros(0, ITEM_DTYPE)
 
     def items(self) -> NDArray[np.void]:
         """(count,) ITEM_DTYPE."""
-        return np.concatenate(self._chunks) if self._chunks else np.zeros(0, ITEM_DTYPE)
+        return _joined(self._chunks)
 
     def _items(self, count: int, origin: Origin) -> NDArray[np.void]:
         items = np.zeros(count, ITEM_DTYPE)
@@ -157,6 +157,12 @@ class Tape:
         self._chunks.append(items)
         self.count += len(items)
         return first
+
+
+def _joined(chunks: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """All rows one after the other: as bytes, which np.concatenate puts together without looking at each field."""
+    plain = [chunk.view(np.dtype((np.void, ITEM_DTYPE.itemsize))) for chunk in chunks]
+    return np.concatenate(plain).view(ITEM_DTYPE) if plain else np.zeros(0, ITEM_DTYPE)
 
 
 def schedule_of(entries: Sequence[Entry], line_of_item: Ints) -> NDArray[np.void]:
