@@ -12,7 +12,7 @@ from planner.collide.bodies import PLATE, Body, Packed, bodies_of, plate_body
 from planner.collide.carriers import Carriers
 from planner.collide.clearance import Clearance
 from planner.collide.follow import Watch, follow
-from planner.collide.metal import FINISHED_MM, bead_points, cutter_poses, wall_points
+from planner.collide.metal import FINISHED_MM, bead_points, cutter_poses, stock_points, wall_points
 from planner.collide.standing import Standing
 from planner.collide.watched import watched
 from planner.errors import PostError
@@ -68,6 +68,9 @@ class Guard:
         self._mountings: dict[tuple[int, bool], _Mounted] = {}
         self._layers = {layer.index: layer for layer in plan.layers}  # whose walls do not stand yet
         self._ups = {layer.index: np.asarray(layer.top[3:6], dtype=np.float64) for layer in plan.layers}
+        if self.is_watching and plan.process == "mill":
+            self.standing.grow(stock_points(plan, parse_recipe(plan.recipe_toml)))
+            self.standing.grow(np.vstack([np.empty((0, 3)), *(wall_points(layer) for layer in plan.layers)]), FINISHED_MM)
         self._least: dict[tuple[str, str], Least] = {}
         self._step = 0
         self._taken, self._begun = np.empty(0, dtype=np.int64), tuple[int, ...]()

@@ -7,14 +7,19 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.collide.points import surface_points
+from planner.mesh.load import load
 from planner.nurbs.curve import Curve
-from planner.plan import Layer, Operation, Pass, Process
+from planner.plan import Layer, Operation, Pass, Plan, Process
+from planner.process import block_allowance_mm
+from planner.recipe import Recipe
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _PITCH_MM = 1.0  # along beads, walls and cutter's ways: a cutter of 4 mm leaves crests of 0.06 mm
 _CHORD_MM = 0.05
+_MOST_POINTS = 120_000  # of a block: they lie 2 mm apart in one of 100 x 100 x 100 mm
 _TURN_RAD = 0.02  # of the axis between two poses of a cutter
 FINISHED_MM = 0.3
 """How deep points of the part's own walls may be in the flutes: less is the rounding of curves, more is cut away on purpose."""
@@ -52,6 +57,23 @@ def wall_points(layer: Layer) -> Floats:
     )
     found = [_spread(_polyline(curve), _PITCH_MM)[0] for curve in curves]
     return np.vstack(found) if found else np.empty((0, 3))
+
+
+def stock_points(plan: Plan, recipe: Recipe) -> Floats:
+    """(n, 3) float, mm, build frame: of what a part is milled from: all through a block, on the surface of a stock that is given.
+
+    Nothing where the part is deposited.  Raises InputError if the stock cannot be read.
+    """
+    if plan.process != "mill":
+        return np.empty((0, 3))
+    if recipe.stock is not None:
+        return surface_points(load(recipe.stock).transformed(plan.build_from_part), _PITCH_MM)
+    allowance = block_allowance_mm(recipe) or 0.0
+    low, high = np.array(plan.bounds, dtype=np.float64)
+    low, high = low - [allowance, allowance, 0.0], high + allowance
+    pitch = max(_PITCH_MM, float(np.prod(high - low) / _MOST_POINTS) ** (1.0 / 3.0))
+    sides = [np.linspace(low[k], high[k], int(np.ceil((high[k] - low[k]) / pitch)) + 1) for k in range(3)]
+    return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def cutter_poses(passes: Iterable[Pass]) -> tuple[Floats, Ints]:
