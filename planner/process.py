@@ -5,13 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
 from config import ConfigError, load_material
 from config.material import Material, Window
 from planner.errors import RecipeError
-from planner.recipe import Recipe
+from planner.recipe import Pattern, Recipe
 
 _FILLS = 1e-9  # relative: rounding of the closed forms below
 _FALLS_SHORT = 0.05  # of a bead's metal: what the overbuild and the neighbours make up for
+_SAME_MM = 1e-6  # of heights: rounding
+Floats = NDArray[np.float64]
+Rows = tuple[tuple[float, ...], ...]
+"""Of a rigid transform, 3 x 4."""
+WHERE_IT_IS: Rows = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -56,6 +66,12 @@ class Settings:
     spindle_rpm: float
     mill_feed_mm_s: float
     mill_every_mm: float
+    max_interpass_k: float | None = None
+    first_layer_power: float = 1.0
+    edge_power: float = 1.0
+    is_on_plate: bool = True
+    build_from_part: Rows = WHERE_IT_IS
+    build_from_layer: Rows = WHERE_IT_IS
 
     @property
     def is_milled(self) -> bool:
@@ -114,7 +130,33 @@ class Settings:
             spindle_rpm=rpm,
             mill_feed_mm_s=feed,
             mill_every_mm=recipe.mill_every_mm or mill.axial_depth_mm,
+            max_interpass_k=recipe.max_interpass_k or facts.max_interpass_k,
+            first_layer_power=_either(recipe.first_layer_power, facts.first_layer_power),
+            edge_power=_either(recipe.edge_power, facts.edge_power),
         )
+
+    def placed(self, build_from_layer: Floats, build_from_part: Floats | None = None) -> Settings:
+        """The same for layers in a frame of their own, so that places of the recipe are found there.  (4, 4) float, rigid."""
+        if not self.recipe.fill_regions:
+            return self
+        part = self.build_from_part if build_from_part is None else _rows(build_from_part)
+        return replace(self, build_from_part=part, build_from_layer=_rows(build_from_layer))
+
+    def pattern_of(self, region: Polygon, z: float) -> Pattern:
+        """The pattern that the recipe asks for.  region : polygon of a layer, mm   z : of its bottom, both in the layer's frame."""
+        asked = self.recipe.fill
+        for rule in self.recipe.fill_regions:
+            if rule.point_mm is not None:
+                x, y = _moved_back(self.build_from_layer, _moved(self.build_from_part, rule.point_mm))[:2]
+                if not shapely.intersects_xy(region, x, y):
+                    continue
+            if rule.z_mm is not None:
+                inside = region.representative_point()
+                height = _moved(self.build_from_layer, (inside.x, inside.y, z))[2]
+                if not rule.z_mm[0] - _SAME_MM <= height < rule.z_mm[1] - _SAME_MM:
+                    continue
+            asked = rule.pattern
+        return asked
 
     def with_small_cutter(self) -> Settings | None:
         """The same with the recipe's small cutter, its speed and feed; None where the recipe names none."""
@@ -123,6 +165,19 @@ class Settings:
             return None
         rpm, feed = _speed_and_feed(self.material, diameter, self.recipe.cutter_teeth)
         return replace(self, cutter_diameter_mm=diameter, spindle_rpm=rpm, mill_feed_mm_s=feed)
+
+    def with_ball_cutter(self) -> Settings | None:
+        """The same with the recipe's ball cutter, its speed and feed; None where the recipe names none."""
+        diameter = self.recipe.ball_cutter_diameter_mm
+        if diameter is None:
+            return None
+        rpm, feed = _speed_and_feed(self.material, diameter, self.recipe.cutter_teeth)
+        return replace(self, cutter_diameter_mm=diameter, spindle_rpm=rpm, mill_feed_mm_s=feed)
+
+    @property
+    def scallop_mm(self) -> float:
+        """Height of the scallops between neighbouring passes of a ball cutter: the recipe's, else its cusp height."""
+        return _either(self.recipe.scallop_mm, self.recipe.cusp_mm)
 
     def bead_for(self, layer_mm: float, reserve: float = 0.0) -> Bead:
         """The bead whose layer is (1 + overbuild + reserve) times the layer's height, by speed, then powder, then power.
@@ -225,6 +280,21 @@ def _speed_and_feed(material: Material, diameter_mm: float, teeth: int) -> tuple
     """Speed of a cutter, whole 1/min, at the material's cutting speed, and its feed, mm/s: teeth x feed per tooth x speed."""
     rpm = 1000.0 * material.milling.cutting_speed_m_min / (math.pi * diameter_mm)
     return round(rpm, 0), round(rpm * material.milling.feed_per_tooth_mm * teeth / 60.0, 3)
+
+
+def _rows(matrix: Floats) -> Rows:
+    return tuple(tuple(float(value) for value in row) for row in matrix[:3])
+
+
+def _moved(rows: Rows, point: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = (row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3] for row in rows)
+    return x, y, z
+
+
+def _moved_back(rows: Rows, point: tuple[float, float, float]) -> tuple[float, float, float]:
+    away = [value - row[3] for value, row in zip(point, rows, strict=True)]
+    x, y, z = (sum(rows[r][c] * away[r] for r in range(3)) for c in range(3))
+    return x, y, z
 
 
 def _either(asked: float | None, default: float) -> float:

@@ -30,6 +30,29 @@ class Cut(Facts):
         return self
 
 
+Pattern = Literal["auto", "raster", "contour", "spiral"]
+"""auto: spiral in rings of even width, beads beside the outline in strips of even width, else raster. raster: contours and hatch.
+contour: beads beside the outline all the way in. spiral: one bead through rings of even width; contour in what is none."""
+
+
+class FillRegion(Facts):
+    """Where another pattern is wanted than in the rest of the part; where several meet, the last one holds."""
+
+    pattern: Pattern
+    point_mm: tuple[Finite, Finite, Finite] | None = Field(
+        None, description="part frame: the regions of all layers that it lies in, over or under, along the build direction"
+    )
+    z_mm: tuple[Finite, Finite] | None = Field(None, description="layers that begin between these heights above the substrate, build frame")
+
+    @model_validator(mode="after")
+    def _says_where(self) -> FillRegion:
+        if self.point_mm is None and self.z_mm is None:
+            raise ValueError("fill_regions: says a pattern but not where, give point_mm or z_mm; for the whole part use fill")
+        if self.z_mm is not None and self.z_mm[0] >= self.z_mm[1]:
+            raise ValueError(f"z_mm: asked {self.z_mm[0]:g} to {self.z_mm[1]:g} mm, the second height must be the greater")
+        return self
+
+
 class Recipe(Facts):
     """The recipe. None means: take it from the material (see `planner.process.Settings`)."""
 
@@ -65,15 +88,22 @@ class Recipe(Facts):
     stock_allowance_mm: NotNegative | None = None
     overbuild: NotNegative | None = None
     interpass_s: NotNegative | None = None
+    max_interpass_k: Positive | None = Field(None, description="warmest that part and plate may be when a layer begins, K: layers wait for it")
+    first_layer_power: Positive | None = Field(None, ge=0.5, le=2.0, description="times the laser's power, for the layer on the substrate")
+    edge_power: Positive | None = Field(None, ge=0.5, le=2.0, description="times the laser's power, for the outermost contour of each region")
     contours: int = Field(1, ge=1, le=20, description="deposited contours per boundary before hatching")
     hatch_angle_deg: Finite = Field(0.0, description="of the first layer, in the build frame")
     hatch_rotation_deg: Finite = Field(67.0, description="from layer to layer")
+    fill: Pattern = Field("auto", description="pattern of the beads in a layer, by the shape of each region or the same everywhere")
+    fill_regions: tuple[FillRegion, ...] = Field((), description="where another pattern is wanted")
     step_over: Fraction | None = None
     mill_every_layers: int | None = Field(None, ge=1, description="side walls are milled after this many layers")
     mill_every_mm: Positive | None = Field(None, description="or after this height; default: what the cutter's axial depth and flute allow")
     face_every_layers: int | None = Field(None, ge=1, description="tops are faced after this many layers; the last one always")
     cutter_diameter_mm: Positive | None = None
     small_cutter_diameter_mm: Positive | None = Field(None, description="for what the cutter does not reach: gaps, inside corners, small bores")
+    ball_cutter_diameter_mm: Positive | None = Field(None, description="for walls and domes that no flank follows; none: they are milled in steps")
+    scallop_mm: Positive | None = Field(None, le=1.0, description="height of the scallops that the ball cutter leaves; none: cusp_mm")
     cutter_teeth: int = Field(4, ge=1, le=12, description="of the cutter: the feed is teeth x feed per tooth x speed")
 
     @model_validator(mode="after")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from planner.compose.heating import HeatCourse
 from planner.compose.made import Made
 from planner.compose.setups import setups_of
 from planner.compose.standing import Standing
@@ -43,6 +44,7 @@ def assemble(
     made: list[Made] = []
     subcomponents: list[Subcomponent] = []
     findings: list[str] = []
+    course = HeatCourse(settings)
     done = 0.0
     for number, piece in enumerate(pieces):
         share, begun = piece.mesh.volume / whole, done
@@ -51,16 +53,18 @@ def assemble(
             number,
             len(layers),
             _standing(pieces, number, settings),
-            settings,
+            replace(settings.placed(piece.build_from_piece, division.build_from_part), is_on_plate=number == 0),
             division.build_from_part,
             on_layer,
             lambda stage, part, begun=begun, share=share: say(stage, begun + share * part),  # type: ignore[misc]
+            course.cooled,
         )
         made.append(make_piece(work))
         subcomponents.append(_subcomponent(piece, setup_of[number], len(layers), made[-1]))
         layers += made[-1].layers
         findings += [f"{piece.name}: {line}" if len(pieces) > 1 else line for line in made[-1].findings]
         done += share
+    findings += course.findings()
     return Assembly(
         tuple(layers), tuple(subcomponents), setups, tuple(findings), _volumes(pieces, made, settings)
     )

@@ -42,7 +42,7 @@ def turning_piece(work: Work) -> Made:
     deposited = 0.0
     for number, (step, (contours, walls)) in enumerate(zip(_steps(work, layers), outlines, strict=True)):
         operations = _linked(step, way, work, lean)
-        layer = _layer(step.layer, contours, walls, operations, work)
+        layer = work.cooled(_layer(step.layer, contours, walls, operations, work))
         made.append(layer)
         deposited += step.deposited_mm3
         findings = [*findings, *step.findings]

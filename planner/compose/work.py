@@ -26,6 +26,7 @@ class Work:
 
     number : of the piece   first_layer : layers before it   standing : what stands, piece frame; None: the plate alone
     build_from_part : (4, 4) float, of the part   on_layer : handed each layer   say : told stage and share of this piece
+    cooled : a finished layer, put off until what stands is cool enough; asked in the order of building
     """
 
     piece: Piece
@@ -36,6 +37,7 @@ class Work:
     build_from_part: Floats
     on_layer: Callable[[Layer], None] | None
     say: Callable[[str, float], None]
+    cooled: Callable[[Layer], Layer] = lambda layer: layer
 
     def support(self) -> Mesh | None:
         """Sacrificial metal that is built with the piece, closed, mm, piece frame."""

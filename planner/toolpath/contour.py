@@ -13,8 +13,9 @@ from planner.nurbs.rings import curves_from_region
 from planner.plan import Pass
 from planner.process import Bead, Settings
 from planner.toolpath.corners import into_corners
-from planner.toolpath.fitting import Stretch
+from planner.toolpath.fitting import Stretch, scaled_bead
 from planner.toolpath.motion import Motion, joined, lifted, process_pass, straight
+from planner.toolpath.ramps import ramped, with_power
 from planner.toolpath.relief import Relief
 from planner.toolpath.tilt import GOLDEN
 
@@ -41,25 +42,45 @@ def edge_mm(bead: Bead, settings: Settings) -> float:
 
 
 def contour_passes(
-    grown: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings, relief: Relief | None = None
+    grown: MultiPolygon,
+    z: float,
+    layer: int,
+    bead: Bead,
+    settings: Settings,
+    relief: Relief | None = None,
+    area_mm2: float | None = None,
 ) -> list[Pass]:
     """The contours of one layer, outermost first.
 
     grown : region to fill, allowance included, mm   z : of the surface that receives the beads
-    relief : of a layer that is not equally high everywhere.
+    relief : of a layer that is not equally high everywhere   area_mm2 : that their metal is for; None: a step's width each.
+    Of milled walls no contour brings less than that.
     The first bead's centre runs half a width inside the boundary, a little less in sharp corners, each further one a step
     inside the last.
     """
-    passes = []
+    loops = []
     for number in range(settings.recipe.contours):
         centre = inset(grown, 0.5 * bead.width_mm + number * bead.step_mm)
         if number == 0:
             centre = into_corners(centre, bead, settings)
         for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
-            loop = lifted(ring.curve, z)
-            start = (_rightmost(loop) / loop.length + GOLDEN * (layer + number)) % 1.0
-            passes.append(closed_bead(loop.started_at(start * loop.length), bead, settings, relief=relief))
-    return passes
+            loops.append((spread_start(lifted(ring.curve, z), layer + number), number == 0))
+    lit = sum(loop.length + _overlap_mm(loop, bead) for loop, _ in loops)
+    times = 1.0 if area_mm2 is None or not lit else area_mm2 / (lit * bead.step_mm)
+    made = scaled_bead(bead, max(times, 1.0) if settings.is_milled else times, settings)
+    edge = with_power(made, settings.edge_power, settings)
+    return [closed_bead(loop, edge if is_outermost else made, settings, relief=relief) for loop, is_outermost in loops]
+
+
+def _overlap_mm(loop: Motion, bead: Bead) -> float:
+    """By how much a closed bead runs past its start, mm."""
+    return min(_OVERLAP * bead.width_mm, 0.2 * loop.length)
+
+
+def spread_start(loop: Motion, number: int) -> Motion:
+    """A closed motion begun so many golden shares of a round past its point with the largest x."""
+    start = (_rightmost(loop) / loop.length + GOLDEN * number) % 1.0
+    return loop.started_at(start * loop.length)
 
 
 def _rightmost(loop: Motion) -> float:
@@ -78,7 +99,7 @@ def closed_bead(
     """
     facts = settings.material.deposition
     length = loop.length
-    overlap = min(_OVERLAP * bead.width_mm, 0.2 * length)
+    overlap = _overlap_mm(loop, bead)
     tail = min(overlap + facts.lead_out_mm, 0.9 * length)
     beads = stretches or [Stretch(0.0, bead)]
     if relief is not None:
@@ -122,7 +143,7 @@ def straight_bead(start: Floats, end: Floats, bead: Bead, settings: Settings, re
     if facts.lead_out_mm > 0.0:
         rows.append(bead_row(facts.lead_in_mm + lit, beads[-1].bead, gas, False))
     line = straight([start - facts.lead_in_mm * along, end + facts.lead_out_mm * along])
-    return process_pass(line, rows)
+    return process_pass(line, ramped(np.array(rows), line.length, settings))
 
 
 def _with_leads(
@@ -144,4 +165,4 @@ def _with_leads(
     whole = joined(pieces)
     if whole.length > lead + lit_mm + 1e-6:
         rows.append(bead_row(lead + lit_mm, stretches[-1].bead, gas, False))
-    return process_pass(whole, rows)
+    return process_pass(whole, ramped(np.array(rows), whole.length, settings))

@@ -12,7 +12,7 @@ from planner.toolpath.fitting import fitted_bead
 
 Floats = NDArray[np.float64]
 
-_VOID = 0.08  # of the bead's width: wider voids at a corner's tip are filled; a tenth is allowed
+_VOID = 0.06  # of the bead's width: wider voids at a corner's tip are filled; a tenth is allowed
 _BESIDE = 0.06  # of the bead's width: how far the bead may reach over the sides beside the tip for that
 _TAPER = 0.5  # of the bead's width: how long before and after the corner the track begins and ends to lean into it
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -14,22 +14,23 @@ from shapely import MultiPolygon
 from planner.nurbs.corners import by_turning_angle
 from planner.nurbs.curve import Curve
 from planner.nurbs.fit import interpolate
-from planner.nurbs.offset import outset
+from planner.nurbs.offset import inset, outset
 from planner.plan import Operation, Pass, Process
 from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion
 from planner.toolpath.centreline import thin_parts
-from planner.toolpath.contour import closed_bead, contour_passes, edge_mm, open_bead
-from planner.toolpath.fill import fill_passes
-from planner.toolpath.fitting import fitted_stretches, widest_mm
+from planner.toolpath.contour import closed_bead, edge_mm, open_bead
+from planner.toolpath.fitting import evened, fitted_stretches, widest_mm
+from planner.toolpath.islands import islands_in_order
 from planner.toolpath.motion import UP, Motion
 from planner.toolpath.overhang import overhang_passes
+from planner.toolpath.pattern import part_passes
+from planner.toolpath.ramps import on_cold_plate
 from planner.toolpath.relief import Relief
 
 Floats = NDArray[np.float64]
 
 THINNEST = 0.35  # of the bead's width: a bead on a thinner wall is mostly beside it
-_MORE, _MOST_MORE = 0.01, 1.4  # of a bead's metal: smaller changes are not made, larger ones would be other beads
 _SMOOTH_DEG = 25.0  # sharper turns of a middle line are corners
 
 
@@ -81,6 +82,8 @@ def deposit_operations(
     middles, dropped, wide = _thin_passes(grown, layer, bead, settings, relief)
     contours, fill = _wide_passes(wide, layer, bead, settings, is_top, relief)
     operations: list[Operation] = []
+    if layer.index == 0 and settings.is_on_plate:
+        contours, middles, fill = (on_cold_plate(passes, settings) for passes in (contours, middles, fill))
     for process, passes in (
         (Process.DEPOSIT_CONTOUR, [*contours, *middles]),
         (Process.DEPOSIT_FILL, fill),
@@ -103,40 +106,14 @@ def deposit_operations(
 def _wide_passes(
     wide: MultiPolygon, layer: LayerRegion, bead: Bead, settings: Settings, is_top: bool, relief: Relief | None
 ) -> tuple[list[Pass], list[Pass]]:
-    """Contours and hatch. Of a part that is only deposited, those of each polygon bring all the metal that it takes: where the
-    strip between contours is too narrow for a track, their beads are larger."""
-    if settings.is_milled:
-        contours = contour_passes(wide, layer.z_bottom, layer.index, bead, settings, relief)
-        return contours, fill_passes(wide, layer.z_bottom, layer.index, bead, settings, is_top, relief)
-    contours, fill = [], []
-    for part in shapely.get_parts(wide):
-        alone = MultiPolygon([part])
-        rings = contour_passes(alone, layer.z_bottom, layer.index, bead, settings, relief)
-        tracks = fill_passes(alone, layer.z_bottom, layer.index, bead, settings, is_top, relief)
-        more = part.area / (bead.step_mm * (_lit_mm(rings) + _lit_mm(tracks))) if rings or tracks else 1.0
-        if more > 1.0 + _MORE:
-            larger = _larger(bead, min(more, _MOST_MORE), settings)
-            rings = contour_passes(alone, layer.z_bottom, layer.index, larger, settings, relief)
-            tracks = fill_passes(alone, layer.z_bottom, layer.index, larger, settings, is_top, relief)
+    """Contours and fill, polygon by polygon, each in its own pattern."""
+    contours: list[Pass] = []
+    fill: list[Pass] = []
+    for part in islands_in_order(wide, layer.index):
+        rings, inside = part_passes(part, layer.z_bottom, layer.index, bead, settings, is_top, relief)
         contours += rings
-        fill += tracks
+        fill += inside
     return contours, fill
-
-
-def _lit_mm(passes: list[Pass]) -> float:
-    """Length of the beads of passes, mm."""
-    total = 0.0
-    for made in passes:
-        ends = np.append(made.setpoints[1:, 0], made.tip.length)
-        total += float((ends - made.setpoints[:, 0])[made.setpoints[:, 2] > 0.0].sum())
-    return total
-
-
-def _larger(bead: Bead, times: float, settings: Settings) -> Bead:
-    """The bead with so many times its metal, or the most that the window has, as wide as before."""
-    most = bead.area_mm2 * bead.speed_mm_s / settings.material.deposition.speed_mm_s.min
-    made = settings.with_area(bead, min(times * bead.area_mm2, most))
-    return replace(made, width_mm=bead.width_mm)
 
 
 def _thin_passes(
@@ -153,9 +130,10 @@ def _thin_passes(
             point = part.area.representative_point()
             dropped.append(Dropped(layer.index, (point.x, point.y), part.area.area, part.width_mm, bead.width_mm))
             continue
-        for line in part.lines:
+        full = shapely.intersection(part.area, inset(grown, edge)) if edge > 0.0 else part.area
+        fitted = evened([fitted_stretches(line, bead, edge, settings) for line in part.lines], part, full.area, bead, settings)
+        for line, stretches in zip(part.lines, fitted, strict=True):
             motion = Motion(_middle_curve(line.points, line.closed, layer.z_bottom), UP)
-            stretches = fitted_stretches(line, bead, edge, settings)
             passes.append((closed_bead if line.closed else open_bead)(motion, bead, settings, stretches, relief))
     if not taken:
         return passes, dropped, grown

@@ -14,11 +14,14 @@ from planner.nurbs.offset import inset
 from planner.plan import Pass
 from planner.process import Bead, Settings
 from planner.toolpath.contour import edge_mm, straight_bead
+from planner.toolpath.fitting import scaled_bead
 from planner.toolpath.relief import Relief
 
 Floats = NDArray[np.float64]
 
 _LEAST_STRIP = 0.25  # of the step, half its width: a track on a narrower strip brings more than twice its metal
+RATHER_MORE = 1.01
+"""Times the metal that a region takes, of parts that are milled: half of what its balance may be off, on the side that a cutter mends."""
 _LEAST_LINE = 0.3  # of the bead's width: shorter tracks are drops; their neighbours cover them
 
 
@@ -132,23 +135,37 @@ def _nearest(at: tuple[float, float], strands: list[list[Piece]]) -> int:
     return min(range(len(strands)), key=lambda k: math.dist(at, (strands[k][0][1], strands[k][0][3])))
 
 
-def fill_passes(
-    grown: MultiPolygon,
+def raster_passes(
+    region: MultiPolygon,
     z: float,
     layer: int,
     bead: Bead,
     settings: Settings,
-    is_top: bool = False,
     relief: Relief | None = None,
+    least_times: float = 0.0,
+    evens: bool = True,
 ) -> list[Pass]:
-    """The hatch of one layer.
+    """Hatch with the metal that a region takes: lines at even distances, the bead of each polygon scaled to them.
 
-    grown : region to fill, allowance included, mm   z : of the surface that receives it   is_top : has a finished face
-    relief : of a layer that is not equally high everywhere.
+    region : that tracks stand for, mm   z : of the surface that receives them   relief : of the layer, where it is not
+    equally high everywhere   least_times : the bead's metal that they bring in any case   evens : whether beads are scaled.
+    Every other layer begins at the other end.
     """
-    region = infill_region(grown, bead, settings, is_top)
-    region = MultiPolygon([part for part in region.geoms if not inset(part, _LEAST_STRIP * bead.step_mm).is_empty])
-    if region.is_empty:
-        return []
-    tracks = hatch_tracks(region, hatch_angle(layer, settings), bead.step_mm, _LEAST_LINE * bead.width_mm)
-    return [straight_bead(np.append(track.start, z), np.append(track.end, z), bead, settings, relief) for track in tracks]
+    passes: list[Pass] = []
+    for polygon in shapely.get_parts(region):
+        tracks = hatch_tracks(MultiPolygon([polygon]), hatch_angle(layer, settings), bead.step_mm, _LEAST_LINE * bead.width_mm)
+        if not tracks:
+            continue
+        lit = sum(math.dist(track.start, track.end) for track in tracks)
+        times = polygon.area / (bead.step_mm * lit) * (RATHER_MORE if settings.is_milled else 1.0)
+        made = scaled_bead(bead, max(times, least_times), settings) if evens else bead
+        ends = [(track.start, track.end) for track in tracks]
+        if layer % 2:
+            ends = [(end, start) for start, end in reversed(ends)]
+        passes += [straight_bead(np.append(start, z), np.append(end, z), made, settings, relief) for start, end in ends]
+    return passes
+
+
+def fillable(region: MultiPolygon, bead: Bead) -> MultiPolygon:
+    """The polygons of a region that are wide enough for a bead."""
+    return MultiPolygon([part for part in region.geoms if not inset(part, _LEAST_STRIP * bead.step_mm).is_empty])

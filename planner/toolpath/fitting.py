@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from config.material import Window
 from planner.process import Bead, Settings
-from planner.toolpath.centreline import MiddleLine
+from planner.toolpath.centreline import MiddleLine, ThinPart
 
 Floats = NDArray[np.float64]
 
 _CHANGE = 0.06  # of the bead's width: a larger change of width begins another stretch
 _SHORT = 0.01  # of a bead's metal: less is not worth another speed
+_LEAST_EVENED, _MOST_EVENED = 0.8, 1.25  # times the metal of a fitted bead: more would be for what lies elsewhere
 _LEAST_SHARE = 0.3  # of a bead's width: the metal of narrower strips is not measured by what lies inside the edge
 
 
@@ -63,6 +64,25 @@ def fitted_bead(bead: Bead, width_mm: float, edge_mm: float, settings: Settings)
     return settings.with_area(made, min(wanted, made.area_mm2 * speed / facts.speed_mm_s.min))
 
 
+def scaled_bead(bead: Bead, times: float, settings: Settings, *, flow_stays: bool = False) -> Bead:
+    """The bead with so many times its metal and its width, or with what of it the window has: by speed, then by powder.
+
+    flow_stays : not by powder, which follows in seconds: for changes within a pass. What the recipe fixes stays.
+    """
+    if abs(times - 1.0) <= _SHORT:
+        return bead
+    facts, recipe = settings.material.deposition, settings.recipe
+    if flow_stays:
+        if recipe.speed_mm_s is not None:
+            return bead
+        times = min(max(times, bead.speed_mm_s / facts.speed_mm_s.max), bead.speed_mm_s / facts.speed_mm_s.min)
+    slowest = bead.speed_mm_s if recipe.speed_mm_s is not None else facts.speed_mm_s.min
+    powder = bead.powder_g_min if recipe.powder_g_min is not None else facts.powder_g_min.max
+    most = (bead.speed_mm_s / slowest) * (powder / bead.powder_g_min)
+    made = settings.with_area(bead, min(times, most) * bead.area_mm2)
+    return replace(made, width_mm=bead.width_mm)
+
+
 def fitted_stretches(line: MiddleLine, bead: Bead, edge_mm: float, settings: Settings) -> list[Stretch]:
     """The beads along a middle line: one where the width changes little, else a new one at every step of it."""
     at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line.points, axis=0), axis=1))])
@@ -75,6 +95,25 @@ def fitted_stretches(line: MiddleLine, bead: Bead, edge_mm: float, settings: Set
         found.append(Stretch(float(at[first]), fitted_bead(bead, wide, edge_mm, settings)))
         first = k
     return found
+
+
+def evened(
+    fitted: list[list[Stretch]], part: ThinPart, area_mm2: float, bead: Bead, settings: Settings
+) -> list[list[Stretch]]:
+    """The beads along the middles of a thin part with the metal that an area takes: ends and corners of it are theirs too.
+
+    fitted : per middle line   bead : of the layer, whose height the metal keeps
+    """
+    metal = 0.0
+    for line, stretches in zip(part.lines, fitted, strict=True):
+        ends = [*(stretch.at_mm for stretch in stretches[1:]), line.length_mm]
+        metal += sum((end - stretch.at_mm) * stretch.bead.area_mm2 for stretch, end in zip(stretches, ends, strict=True))
+    if metal <= 0.0 or area_mm2 <= 0.0:
+        return fitted
+    times = min(max(area_mm2 * bead.height_mm / metal, _LEAST_EVENED), _MOST_EVENED)
+    return [
+        [Stretch(stretch.at_mm, scaled_bead(stretch.bead, times, settings)) for stretch in stretches] for stretches in fitted
+    ]
 
 
 def _inside(value: float, window: Window) -> float:

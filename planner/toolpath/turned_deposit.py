@@ -50,6 +50,7 @@ def laid(layer: TurnedLayer, is_top: bool, settings: Settings) -> Laid:
     is_top : part of its top is a finished face.
     Raises RecipeError where no bead fills the layer, or where only milling could bring one down (process = deposit).
     """
+    settings = settings.placed(layer.build_from_layer)
     bead = _following_bead(layer, is_top, settings)
     if bead is not None:
         return _following(layer, bead, is_top, settings)

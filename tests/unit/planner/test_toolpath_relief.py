@@ -69,8 +69,9 @@ def test_beads_of_a_wedge_bring_the_metal_that_each_place_takes_and_hardly_more(
     if shape == "box":
         wanted = high * reference.step_mm
         excess = np.concatenate(shares) / wanted
-        assert excess.min() > 0.99
-        assert excess.max() < 1.0 + 2 * 0.04 + 0.03
+        evened = 0.04  # of a bead's metal: lines lie evenly over the region, not a step apart, and bring what it takes
+        assert excess.min() > 1.0 - evened
+        assert excess.max() < 1.0 + 2 * 0.04 + 0.03 + evened
         assert np.ptp(widths) < 0.02 * reference.width_mm
     else:
         excess = np.concatenate(shares) / (2.0 * high)
