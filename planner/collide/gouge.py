@@ -21,6 +21,7 @@ Ints = NDArray[np.int64]
 SLACK_MM = 1e-3
 """The least distance found is at most this much above the true one, of the straight steps that stand for a pass."""
 _CHORD_MM = 2e-3  # between a pass and the straight steps that stand for it
+_FINE_MM = 0.05  # depth from which gouges are looked for: where only deeper ones matter, slack and chord are as much coarser
 _TURN_RAD = np.radians(1.0)  # of the axis within a step: what it is off from straight turning is 1e-3 mm at 25 mm from the tip
 _MOST_CELLS = 20000  # looked at for one facet in one step
 _STACK = 256
@@ -59,21 +60,23 @@ def gouge(passes: Sequence[Pass], cutter: CuttingEnd, target: Target | Mesh, *, 
     """Least signed distance of a swept cutter to a target, pass by pass.
 
     look_mm : distances above this are given as this; a negative one asks for deeper gouges only, and is fast
-    Each pass is taken as straight steps within 2e-3 mm and 1 degree of it. Over a facet and a step the distance is convex, so a
-    tangent plane bounds it from below: facets and steps are halved until the bound is within `SLACK_MM` of the least found.
+    Each pass is taken as straight steps within 2e-3 mm and 1 degree of it (coarser where only deep gouges are asked for). Over
+    a facet and a step the distance is convex, so a tangent plane bounds it from below: facets and steps are halved until the
+    bound is within `SLACK_MM` of the least found.
     """
     made = target if isinstance(target, Target) else Target.of(target)
-    steps = [steps_of(one) for one in passes]
+    fine = max(1.0, -look_mm / _FINE_MM)
+    steps = [steps_of(one, fine * _CHORD_MM) for one in passes]
     first = np.concatenate([[0], np.cumsum([len(rows) for rows in steps])]).astype(np.int64)
     rows = np.vstack(steps) if steps else np.empty((0, 12))
-    found = _least(rows, first, cutter.figures, made.tree.corners, made.tree.boxes, made.spare_mm, look_mm)
-    floor = np.minimum(found[:, 4], found[:, 0]) - SLACK_MM
+    found = _least(rows, first, cutter.figures, made.tree.corners, made.tree.boxes, made.spare_mm, look_mm, fine * SLACK_MM)
+    floor = np.minimum(found[:, 4], found[:, 0]) - fine * (SLACK_MM + _CHORD_MM)
     return Gouges(found[:, 0].copy(), floor, np.where(found[:, :1] < look_mm, found[:, 1:4], np.nan))
 
 
-def steps_of(one: Pass) -> Floats:
-    """(k, 12) float: straight steps of a pass: tip at start and end, mm, unit axis at start and end."""
-    u = one.tip.breaks if one.tip.degree == 1 and one.tip.weights is None else one.tip.sample(_CHORD_MM)
+def steps_of(one: Pass, chord_mm: float) -> Floats:
+    """(k, 12) float: straight steps within a chord of a pass: tip at start and end, mm, unit axis at start and end."""
+    u = one.tip.breaks if one.tip.degree == 1 and one.tip.weights is None else one.tip.sample(chord_mm)
     if not isinstance(one.axis, Curve):
         tips = one.tip.evaluate(u)
         axes = np.broadcast_to(one.axis / np.linalg.norm(one.axis), tips.shape)
@@ -104,6 +107,7 @@ def _least(
     boxes: Floats,
     spare: Floats,
     look: float,
+    slack: float,
 ) -> Floats:  # pragma: no cover
     """(passes, 5) float: least distance, its place (3), and the least bound of what was not looked at to the end."""
     found = np.empty((len(first) - 1, 5))
@@ -129,7 +133,7 @@ def _least(
                     count += 2
                     continue
                 for f in range((node - leaves) * LEAF, min((node - leaves + 1) * LEAF, len(corners))):
-                    _look_at(corners[f], spare[f], step, cutter, best, cells, bounds)
+                    _look_at(corners[f], spare[f], step, cutter, slack, best, cells, bounds)
         found[n] = best
     return found
 
@@ -156,6 +160,7 @@ def _look_at(
     spare: float,
     step: Floats,
     cutter: tuple[float, float, float],
+    slack: float,
     best: Floats,
     cells: Floats,
     bounds: Floats,
@@ -171,7 +176,7 @@ def _look_at(
     while count:
         count -= 1
         cell = cells[count]
-        if bounds[count] >= best[0] - SLACK_MM:
+        if bounds[count] >= best[0] - slack:
             continue
         looked += 1
         if looked > _MOST_CELLS or count + 2 >= _STACK:
@@ -195,7 +200,7 @@ def _look_at(
             bound = max(bound, from_plane)
             if j == 0:
                 in_time = -by_place < by_time
-        if bound >= best[0] - SLACK_MM:
+        if bound >= best[0] - slack:
             continue
         _halve(cells, count, in_time, planes[0])
         bounds[count] = bounds[count + 1] = bound

@@ -29,7 +29,7 @@ _INSIDE_MM = 0.02  # facets in such a plane that lie deeper in the part are a jo
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """One milling operation and how deep its passes come into what stands.  number : in its layer"""
+    """One milling operation and how deep its passes at feed come into what stands."""
 
     operation: Operation
     gouges: Gouges
@@ -83,7 +83,11 @@ def checked(
 
 
 def _of_operations(cuts: Sequence[Operation], target: Target, look_mm: float) -> list[Gouges]:
-    return [gouge(operation.passes, end_of(operation), target, look_mm=look_mm) for operation in cuts]
+    """Of the passes at feed: rapid ways are the collision check's."""
+    return [
+        gouge([step for step in operation.passes if not step.rapid], end_of(operation), target, look_mm=look_mm)
+        for operation in cuts
+    ]
 
 
 def _standing(

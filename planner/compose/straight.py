@@ -53,7 +53,7 @@ def straight_piece(work: Work) -> Made:
         len(regions),
         work.on_layer,
         lambda share: say("toolpaths", 0.08 + 0.92 * share),
-        lambda layer: in_place(layer, build_from_piece, work.first_layer, work.number),
+        lambda layer: work.cooled(in_place(layer, build_from_piece, work.first_layer, work.number)),
     )
     lean = work.lean()
     begun = _begun(work, regions, lean)
@@ -135,6 +135,7 @@ def _begun(work: Work, regions: list[LayerRegion], lean: Lean | None) -> Sequenc
         begun.lean = lean.away
     if work.settings.is_milled:
         begun.stands = work.standing.keep_out
+        begun.bodies = work.standing.meshes
         depth = RUNS_DOWN * work.settings.bead_for(regions[0].height_mm).crest_mm
         begun.under = work.standing.layers_under(depth, regions[0].height_mm)
     return begun

@@ -79,7 +79,7 @@ def ruled_motions(
             continue
         moves = free & (np.linalg.norm(tip - tip[free].mean(axis=0), axis=1) > _STANDS_MM)
         if moves.sum() >= _FEWEST and _largest_turn(axis[free]) <= _JUMP_RAD:
-            motions.append(_closed(tip[free][::-1], axis[free][::-1]))
+            motions.append(closed_motion(tip[free][::-1], axis[free][::-1]))
     return motions
 
 
@@ -242,7 +242,7 @@ def _bridges_free(tip: Floats, axis: Floats, free: NDArray[np.bool_], wall: Floa
     return bool(_is_free(tips, axes, wall, radius_mm - _FOLLOWS_MM).all())
 
 
-def _closed(tips: Floats, axes: Floats) -> Motion:
+def closed_motion(tips: Floats, axes: Floats) -> Motion:
     """A closed motion through tips with their axes, (n, 3) float each."""
     kept = np.linalg.norm(np.roll(tips, -1, axis=0) - tips, axis=1) > 1e-4
     tips, axes = tips[kept], axes[kept]

@@ -19,6 +19,7 @@ from planner.slicing.regions import LayerRegion, is_same, united
 from planner.slicing.slicer import slice_mesh
 from planner.slicing.walls import ruled_walls, wall_error
 from planner.toolpath.axis import STEEPEST_AXIS, ruled_motions
+from planner.toolpath.scallop import Surface, ball_surface
 
 Floats = NDArray[np.float64]
 Kind = Literal["upright", "ruled", "stepped"]
@@ -41,6 +42,7 @@ class Band:
     continues : whether its bottom outline is the top outline of the band below
     steps : heights, mm, from the top, and what must not be cut from there up: of a stepped band its own, and of every band
     whose wall goes out below, those under it as far as metal runs down there
+    surface : of a stepped band, where the recipe has a ball cutter for it
     """
 
     first: int
@@ -52,6 +54,7 @@ class Band:
     walls: tuple[Wall, ...]
     continues: bool
     steps: tuple[tuple[float, MultiPolygon], ...] = ()
+    surface: Surface | None = None
 
 
 def make_bands(layers: list[LayerRegion], mesh: Mesh, settings: Settings) -> Iterator[Band]:
@@ -141,7 +144,12 @@ def _with_steps(band: Band, mesh: Mesh, settings: Settings, floor_z: float) -> B
         stands = united([stands, section])
         if is_wider:
             found.append((z, stands))
-    return replace(band, steps=tuple(found))
+    ball = settings.with_ball_cutter()
+    surface = None
+    if ball is not None and within and found:
+        reach = (min(found[-1][0], band.z_bottom), band.z_top)
+        surface = ball_surface(mesh, np.eye(4), reach, ball.cutter_radius_mm, ball.scallop_mm, settings.recipe.crease_deg)
+    return replace(band, steps=tuple(found), surface=surface)
 
 
 def _sections(mesh: Mesh, levels: Floats, step_mm: float) -> list[MultiPolygon]:

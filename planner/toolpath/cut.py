@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon
 
+from planner.mesh.mesh import Mesh
 from planner.nurbs.offset import outset
 from planner.plan import Operation, Pass, Process, Wall
 from planner.process import Settings
 from planner.slicing.regions import LayerRegion, united
 from planner.toolpath.axis import ends_clear, goes_on_below, leans_inward, ruled_motions, steepest_lean
+from planner.toolpath.ball import Milled
+from planner.toolpath.ball_band import ball_milled, fillets, steps_of_missed
 from planner.toolpath.bands import Band
 from planner.toolpath.beside import Stands, blocked_mm, blocked_near, passes_beside, polygons
 from planner.toolpath.face import face_passes
@@ -108,11 +112,13 @@ def side_operations(
     settings: Settings,
     *,
     stands: Stands | None = None,
+    others: Sequence[Mesh] = (),
 ) -> tuple[list[Operation], list[Left]]:
     """Milling of a band's walls, with the small cutter after the other where the recipe names one, and what they leave.
 
     below : the finished layers under the band, from the lowest   excess_mm : metal outside the walls
-    run_down_mm : how far its metal may have run down on a wall that leans inward   stands : what must not be cut beside it.
+    run_down_mm : how far its metal may have run down on a wall that leans inward   stands : what must not be cut beside it
+    others : the same as bodies, mm, in the band's frame.
     """
     small = settings.with_small_cutter()
     note: str = band.kind
@@ -120,19 +126,27 @@ def side_operations(
     if stands is not None and _meets(passes, band, stands, settings):
         passes = []
     rest: list[Pass] = []
+    ball: Milled | None = None
     if not passes:
         note = "upright" if band.kind == "upright" else "stepped"
+        ball = ball_milled(band, settings, stands, others)
+        if ball is not None:
+            note = "before ball" if not ball.missed else note
+            band = replace(band, steps=steps_of_missed(band, ball.missed))
         passes, rest = _upright_passes(band, below, excess_mm, run_down_mm, settings, small, stands)
     elif small is not None:
         rest = _rest_passes(band, below, excess_mm, 0.0, settings, small, stands)
     operations = [_milled(Process.MILL_SIDE, band.last, passes, settings, note)] if passes else []
     if rest and small is not None:
         operations.append(_milled(Process.MILL_SIDE, band.last, rest, small, f"{note}, rest"))
+    if ball is not None and ball.passes:
+        operations.append(_milled(Process.MILL_SCALLOP, band.last, ball.passes, settings.with_ball_cutter() or settings, "scallop"))
     last = small if rest and small is not None else settings
     left = _left_by_the_cutter(band, last)
     missed = blocked_mm(band.region, blocked_near(band.region, band.z_bottom, 0.0, last, stands), last)
     if missed > _CLEAR_MM and note != "ruled":
         left.append(Left("beside", band.z_bottom, band.z_top, "", 0, missed * (band.z_top - band.z_bottom)))
+    left += fillets(ball, band, settings)
     if note == "stepped" or not operations:
         left.append(Left("cusps" if operations else "none", band.z_bottom, band.z_top, "", 0, 0.0))
     return operations, left

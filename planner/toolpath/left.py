@@ -11,8 +11,8 @@ from planner.process import Settings
 class Left:
     """What side milling leaves in one band.
 
-    kind : "closed", "corners", "beside", "unfaced", "cusps" or "none"
-    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm².
+    kind : "closed", "corners", "beside", "unfaced", "fillets", "cusps" or "none"
+    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm²; of "fillets" how far the ball stays off, mm.
     """
 
     kind: str
@@ -39,6 +39,8 @@ def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = Fals
     words = {
         "closed": f"holes or slots are narrower than the cutter (D {diameter:g} mm) and stay unmilled",
         "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
+        "fillets": "inside corners keep the ball's radius "
+        f"{0.5 * (settings.recipe.ball_cutter_diameter_mm or 0.0):g} mm",
         "cusps": "the flank cannot follow the wall: it is milled upright in small steps",
         "beside": "what stands beside the wall keeps the cutter away",
         "unfaced": "what stands beside keeps the facing cutter away",
@@ -54,6 +56,9 @@ def _left_line(run: list[Left], words: str, by_layer: bool) -> str:
     most = max(item.count for item in run)
     if run[0].kind == "unfaced":
         return f"{height}: {words}: {max(item.volume_mm3 for item in run):.1f} mm² of a top stay as deposited, at {run[-1].place} mm"
+    if run[0].kind == "fillets":
+        most_off = max(run, key=lambda item: item.volume_mm3)
+        return f"{height}: {words}: the ball stays up to {most_off.volume_mm3:.2f} mm off its place at {most_off.place} mm"
     if run[0].kind == "beside":
         return f"{height}: {words}: {sum(item.volume_mm3 for item in run):.0f} mm² of it stay as deposited"
     if not most:

@@ -8,16 +8,17 @@ from dataclasses import dataclass, field, replace
 from shapely import MultiPolygon
 
 from planner.errors import PlanningError
+from planner.mesh.mesh import Mesh
 from planner.nurbs.offset import outset
 from planner.plan import Operation
 from planner.process import Bead, Settings
 from planner.slicing.regions import LayerRegion, is_same
+from planner.toolpath.balance import metal_mm3
 from planner.toolpath.bands import Band
 from planner.toolpath.beside import Stands
 from planner.toolpath.bore import Boring, bore_operation
 from planner.toolpath.cut import BULGE, Left, faced, left_findings, side_operations
 from planner.toolpath.deposit import THINNEST, Dropped, deposit_operations, dropped_findings, grown_region, outside_mm
-from planner.toolpath.fill import infill_region
 from planner.toolpath.links import Pose, linked, taken_up
 
 Finished = Callable[[LayerRegion, list[Operation]], None]
@@ -34,7 +35,7 @@ class Sequence:
     metal_top : highest metal, mm   above_mm : metal over the nominal top since the last facing
     here : where the tool is   deposited_mm3 : nominal   below : layer that was deposited last
     standing_mm : how high what else stands reaches under the ways   under : what stands below the base plane, as layers
-    stands : what a cutter must keep clear of   lean : how the head keeps clear of it
+    stands : what a cutter must keep clear of   bodies : the finished pieces among it, mm, piece frame   lean : how the head keeps clear of it
     last : operation   closing : linked operations that end the piece
     """
 
@@ -42,6 +43,7 @@ class Sequence:
     standing_mm: float = 0.0
     under: list[LayerRegion] = field(default_factory=list)
     stands: Stands | None = None
+    bodies: tuple[Mesh, ...] = ()
     lean: Callable[[Operation], Operation] = lambda operation: operation
     last: Operation | None = None
     closing: list[Operation] = field(default_factory=list)
@@ -75,16 +77,7 @@ class Sequence:
         self.metal_top = layer.z_top + self.above_mm + max(bead.crest_mm - bead.height_mm, 0.0)
         for operation in operations:
             self.add(self.lean(operation), layer.index)
-        filled = outset(layer.region, self.settings.allowance_mm) if self.settings.allowance_mm > 0.0 else layer.region
-        self.deposited_mm3 += (filled.area + self._more_hatch_mm2(layer, bead, is_top)) * bead.height_mm
-
-    def _more_hatch_mm2(self, layer: LayerRegion, bead: Bead, is_top: bool) -> float:
-        """How much more area the hatch under a finished face covers than its region takes."""
-        if not is_top:
-            return 0.0
-        grown = grown_region(layer, bead, self.settings)
-        usual, wider = (infill_region(grown, bead, self.settings, top).area for top in (False, True))
-        return float(wider - usual)
+            self.deposited_mm3 += metal_mm3(operation.passes, self.settings)
 
     def face(self, layer: LayerRegion, metal: MultiPolygon) -> None:
         """The facing of a layer's top, with the small cutter where what stands beside keeps the other away."""
@@ -97,7 +90,7 @@ class Sequence:
         if self.under and band.first == 0:
             band = replace(band, continues=is_same(self.under[-1].areas[2], band.region, 0.01))
         operations, left = side_operations(
-            band, [*self.under, *below], excess_mm, run_down_mm, self.settings, stands=self.stands
+            band, [*self.under, *below], excess_mm, run_down_mm, self.settings, stands=self.stands, others=self.bodies
         )
         self.left.extend(left)
         for operation in operations:

@@ -17,8 +17,8 @@ from planner.slicing.regions import LayerRegion
 from planner.toolpath.axis import DepthAt, ruled_motions
 from planner.toolpath.beside import Stands, blocked_mm, blocked_near
 from planner.toolpath.cut import OVERLAP_MM, Left, side_operations
-from planner.toolpath.motion import Motion, process_pass
 from planner.toolpath.side import begun_on_flat, places, side_pass, unreached, upright_passes
+from planner.toolpath.stretches import LEAST_STRETCH_MM, free_passes
 from planner.toolpath.turned_bands import TurnedBand
 
 Floats = NDArray[np.float64]
@@ -26,9 +26,7 @@ Floats = NDArray[np.float64]
 _FOLLOWS = 0.3  # of the tolerance: how far the flank may cut into the wall under the band, or leave it
 _STEEPEST = 1.0  # change of depth along the pass: the cutter's end rises and falls by no more than 45 degrees
 _ARC_ROOM_MM = 0.5  # by which arcs on and off a wall may come nearer to it than the pass: they leave it sideways
-_SAMPLE_MM = 0.05  # chord error at which a pass is looked at
 _ALONG = 0.05  # of an axis on the base's normal: less, and lifting along it leads nowhere
-_LEAST_STRETCH_MM = 1.0  # shorter cuts between places that are barred are left out
 
 
 def turned_side_operations(
@@ -68,7 +66,7 @@ def turned_side_operations(
         if area.geoms
     ]
     kept_off = blocked_mm(band.region, barred, settings)
-    if kept_off > _LEAST_STRETCH_MM:
+    if kept_off > LEAST_STRETCH_MM:
         found.append(Left("beside", band.z_bottom, band.z_top, "", 0, kept_off * height))
     return [operation], found
 
@@ -101,42 +99,12 @@ def _ruled_passes(
             if barred.is_empty:
                 passes.append(side_pass(begun_on_flat(motion), keep_out, excess_mm, settings))
             else:
-                passes += _free_passes(motion, barred, settings)
+                passes += free_passes(motion, barred, settings)
     if on_base or not band.continues:
         upright = upright_passes(band.region, band.z_bottom, excess_mm, settings)
         if barred.is_empty:
             return [*upright, *passes]
     return passes
-
-
-def _free_passes(motion: Motion, barred: MultiPolygon, settings: Settings) -> list[Pass]:
-    """The stretches of a closed motion on which its tip stays clear of a region, each a pass; all of it if it does."""
-    row = [0.0, settings.mill_feed_mm_s, 0.0, 0.0, 0.0]
-    u = motion.tip.sample(_SAMPLE_MM)
-    points = motion.tip.evaluate(u)
-    shapely.prepare(barred)
-    free = ~shapely.contains_xy(barred, points[:, 0], points[:, 1])
-    if free.all():
-        return [process_pass(begun_on_flat(motion), row)]
-    first = int(np.flatnonzero(~free)[0])
-    turned = motion.started_at(float(motion.tip.arc_length([u[first]])[0]))
-    u = turned.tip.sample(_SAMPLE_MM)
-    points = turned.tip.evaluate(u)
-    free = ~shapely.contains_xy(barred, points[:, 0], points[:, 1])
-    arcs = turned.tip.arc_length(u)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
-    found = []
-    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        begin, end = float(arcs[start]), float(arcs[stop - 1])
-        if end - begin >= _LEAST_STRETCH_MM:
-            found.append(process_pass(_between(turned, begin, end), row))
-    return found
-
-
-def _between(motion: Motion, begin: float, end: float) -> Motion:
-    """The motion from one arc length to another, mm."""
-    part = motion if end >= motion.length - 1e-6 else motion.from_arc(end)[0]
-    return part if begin <= 1e-6 else part.from_arc(begin)[1]
 
 
 def depths(

@@ -261,7 +261,7 @@ def test_no_move_is_shorter_than_the_controller_takes(trunnion: Cell) -> None:
     reading = read(program)
     feeds = reading.is_motion & ~reading.is_rapid
     assert reading.time_s[feeds].min() >= 0.99 / 8.0
-    assert report.counts.slowed_blocks > 0 and any("max_blocks_per_s" in line for line in report.findings)
+    assert report.speed.slowed_blocks > 0 and any("max_blocks_per_s" in line for line in report.findings)
 
 
 def test_a_noisy_axis_at_the_pole_does_not_turn_the_table(trunnion: Cell) -> None:
@@ -375,7 +375,7 @@ def test_an_axis_that_no_pose_reaches_is_refused() -> None:
 
 def test_a_missing_cutter_is_refused_with_what_is_there(trunnion: Cell) -> None:
     with pytest.raises(
-        PostError, match=r"no end_mill or bull_nose or ball_mill of 5 mm .* tool 2 end_mill 8 mm, tool 3 end_mill 4 mm"
+        PostError, match=r"no end_mill or bull_nose or ball_mill of 5 mm .* tool 2 end_mill 8 mm, tool 3 end_mill 4 mm, tool 4 ball_mill 6 mm"
     ):
         post(plan_of([cone_operation(0, diameter=5.0)]), trunnion)
 
