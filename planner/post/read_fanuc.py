@@ -1,7 +1,7 @@
 """Reads programs for a Fanuc 30i as the control would; shares no code with the writer.
 
-Source: Fanuc Series 15i/150i and 30i Operator's Manuals: numbers with decimal points are mm or deg; G06.2 takes the first pole from its own block, the
-number of knots is that of the poles and the rank P together.
+Source: Fanuc Series 15i/150i and 30i Operator's Manuals: numbers with decimal points are mm or deg; G06.2 takes the first pole from its own
+block, the number of knots is that of the poles and the rank P together.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from planner.post.read_curve import ReadCurve
+from planner.post.read_nurbs import ReadCurve
 from planner.post.reading import NAN3, How, Reading, Signals, State, unread
 
 _WORD = re.compile(r"([A-Z])([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
@@ -111,7 +111,7 @@ class _Reader:
                 raise unread(index, text, "a NURBS is not complete")
             self._code = code
         elif code == 43.4:
-            if not _NEEDED <= self._modes:
+            if not self._modes >= _NEEDED:
                 raise unread(index, text, "the modes that it relies on are not set")
             if values.get("H") != float(self._state.tool):
                 raise unread(index, text, "the length of another tool")

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from planner.post.read_curve import ReadCurve
+from planner.post.read_nurbs import ReadCurve
 from planner.post.reading import NAN3, How, Reading, Signals, State, unread
 
 _LINE = re.compile(r"N(\d+) (.*)")
@@ -136,7 +136,9 @@ class _Reader:
         if self._code == "BSPLINE":
             if (self._state.gate, *self._state.levels) != self._spline_state:
                 raise unread(index, text, "an output changes within a spline")
-            self._spline.append((*tip, *self._second, values.get("PL", 1.0), values.get("PW", 1.0)))
+            if "PL" not in values:
+                raise unread(index, text, "the control would choose the knot")
+            self._spline.append((*tip, *self._second, values["PL"], values.get("PW", 1.0)))
             self._from = (self._from[0], index)
         else:
             how = How.RAPID if self._code == "G0" else How.LINE

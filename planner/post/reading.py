@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.errors import PostError
-from planner.post.read_curve import ReadCurve
+from planner.post.read_nurbs import ReadCurve
 
 Floats = NDArray[np.float64]
 

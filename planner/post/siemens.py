@@ -1,11 +1,11 @@
 """Words of a Sinumerik 840D: TRAORI with axis vectors, NURBS as BSPLINE, machine moves with SUPA.
 
 Source: Siemens, SINUMERIK 840D sl Programming Manual Job Planning, "Spline interpolation" (BSPLINE, SD, PL, PW: weights 0 to 3 in steps of
-0.0001, degree 2 or 3, the start position is the first pole), "Orientation transformation" (TRAORI, ORIWKS, ORIVECT, A3 B3 C3; ORICURVE with XH YH
-ZH, in conjunction with BSPLINE poles of a second point's curve), "Synchronized actions" ($A_OUT); Manual 5-axis machining, ch. 7.1 (FGROUP,
+0.0001, degree 2 or 3, the start position is the first pole), "Orientation transformation" (TRAORI, ORIWKS, ORIVECT, A3 B3 C3; ORICURVE with XH
+YH ZH, in conjunction with BSPLINE poles of a second point's curve), "Synchronized actions" ($A_OUT); Manual 5-axis machining, ch. 7.1 (FGROUP,
 CTOL, OTOL, FFWON, SOFT). Spans PL stand at the poles in order; the last SD - 1 poles have none, as in the public geometry library geo
-(PolySplineCurve::writeGCode). Whether weights apply to the second curve as to the first the manual leaves open: rational curves with a turning axis go
-as straight moves.
+(PolySplineCurve::writeGCode). Whether weights apply to the second curve as to the first the manual leaves open: rational curves with a turning
+axis go as straight moves.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from __future__ import annotations
 import numpy as np
 
 from config.macros import DialectName, Macros
-
 from planner.post.tcp_blocks import Blocks, Command, Say, What
 from planner.post.tcp_pass import Control
 from planner.post.tcp_text import Bools, Rows, Texts, changed, joined, machine_edges, speaks_anew, words

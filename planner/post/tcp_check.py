@@ -15,7 +15,7 @@ from planner.post.linearise import angle_between_deg
 from planner.post.pass_curve import PassCurve
 from planner.post.reading import How, Reading
 from planner.post.reread import RereadReport
-from planner.post.tools import tool_for
+from planner.post.tools import tools_for
 from planner.program import LineKind, Program
 
 Floats = NDArray[np.float64]
@@ -68,8 +68,8 @@ class _Checker:
             if key[begin] >= 0:
                 seen.add((int(key[begin]) >> 32, int(key[begin]) & 0xFFFFFFFF))
                 self._pass(np.arange(begin, end), int(key[begin]) >> 32, int(key[begin]) & 0xFFFFFFFF)
-            elif np.any(motions["gate"][begin:end] > 0.0):
-                self._worst.note(int(motions["line"][begin]), "the laser's gate is open while positioning")
+            else:
+                self._positioning(np.arange(begin, end))
         for number, operation in self._posted.items():
             for index in range(len(operation.passes)):
                 if (number, index) not in seen and operation.passes[index].tip.length > self._cell.chord_tolerance_mm:
@@ -107,6 +107,18 @@ class _Checker:
         axes = axes[last]
         self._ends = axes
         return np.vstack([tips[:1], tips[:-1]]), np.vstack([axes[:1], axes[:-1]])
+
+    def _positioning(self, group: Ints) -> None:
+        """Moves that belong to no pass: dark, and where the line table says."""
+        motions = self._motions[group]
+        self._fault(motions, motions["gate"] > 0.0, "the laser's gate is open while positioning")
+        rows = self._program.table[motions["line"]]
+        tips = rows["tip_end"] @ self._matrix[:3, :3].T + self._matrix[:3, 3]
+        off = np.linalg.norm(motions["tip"] - tips, axis=1)
+        turned = angle_between_deg(self._ends[group], rows["axis_end"] @ self._matrix[:3, :3].T)
+        follows = motions["how"] != How.MACHINE
+        wrong = follows & ~((off <= _ROUNDING_MM) & (turned <= self._cell.axis_tolerance_deg))
+        self._fault(motions, wrong, "the tip goes elsewhere than planned")
 
     def _axes_of(self, rotary: Floats) -> Floats:
         """(n, 3) axes of rotary positions (n, 2), deg."""
@@ -218,7 +230,11 @@ class _Checker:
         self._fault(motions, moves & emits & (motions["mode"] != 1.0), "not in the mode that deposits")
         if not is_deposit:
             self._fault(motions, motions["rpm"] != round(operation.spindle_rpm), "the spindle does not turn as planned")
-        self._fault(motions, motions["tool"] != tool_for(operation, self._cell).number, "another tool is in")
+        self._fault(
+            motions,
+            ~np.isin(motions["tool"], [tool.number for tool in tools_for(operation, self._cell)]),
+            "another tool is in",
+        )
         kind = LineKind.LINK if item.is_link else LineKind.PROCESS
         self._fault(motions, self._program.table["kind"][motions["line"]] != kind, "the line table calls it otherwise")
 

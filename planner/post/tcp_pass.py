@@ -105,10 +105,10 @@ def splines(
     tip = _lean(_between(tip, start, end).with_degree(degree))
     if not isinstance(axis, Curve):
         unit = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
-        found = [
-            Spline(degree, part.knots, frame.points(part.control_points), frame.vectors(np.tile(unit, (len(part.control_points), 1))), _weights(part), True)
-            for part in _simple_parts(tip, _corners(tip))
-        ]  # fmt: skip
+        found = []
+        for part in _simple_parts(tip, _corners(tip)):
+            axes = frame.vectors(np.tile(unit, (len(part.control_points), 1)))
+            found.append(Spline(degree, part.knots, frame.points(part.control_points), axes, _weights(part), True))
     else:
         axis = _lean(_between(axis, start, end).with_degree(degree))
         axis = _snapped(axis, tip)

@@ -96,7 +96,11 @@ def bead_pass(tip: Curve) -> Plan:
     """A Plan of one deposited pass, the laser on in its middle third."""
     start, end = tip.evaluate(list(tip.domain))
     third = tip.length / 3.0
-    rows = [[0.0, FEED_MM_S, 0.0, POWDER, GAS], [third, FEED_MM_S, LASER_W, POWDER, GAS], [2.0 * third, 8.0, 0.0, POWDER, GAS]]
+    rows = [
+        [0.0, FEED_MM_S, 0.0, POWDER, GAS],
+        [third, FEED_MM_S, LASER_W, POWDER, GAS],
+        [2.0 * third, 8.0, 0.0, POWDER, GAS],
+    ]
     passes = (link(start + [0, 0, 6.0], start), Pass(tip, UP, np.array(rows)), link(end, end + [0, 0, 6.0]))
     return plan_of([Operation(Process.DEPOSIT_CONTOUR, 0, passes, bead_width_mm=2.0)])
 
