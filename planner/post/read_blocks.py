@@ -15,9 +15,10 @@ from planner.program import LineKind, Program
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
 
 _NEW_LINE, _BLANK, _OPEN, _CLOSE, _POINT, _PLUS, _MINUS = 10, 32, 40, 41, 46, 43, 45
-_G, _M, _N = ord("G"), ord("M"), ord("N")
+_N = ord("N")
 _STATES = frozenset(
     {170, 210, 400, 490, 540, 900, 930, 940}
 )  # tenths: what is said once at the start, and the feed's mode
@@ -73,87 +74,88 @@ class Reading:
 
 @dataclass(frozen=True)
 class Tokens:
-    """All words of a text in order: line : (k,) int   letter : (k,) int, its character   value : (k,) float"""
+    """All words of a text in order: line : (k,) int   letter : (k,) uint8, its character   value : (k,) float"""
 
     line: Ints
-    letter: Ints
+    letter: Bytes
     value: Floats
 
     def of(self, letter: str) -> tuple[Ints, Floats]:
         """Lines and values of all words with a letter."""
-        here = self.letter == ord(letter)
+        here = np.flatnonzero(self.letter == ord(letter))
         return self.line[here], self.value[here]
+
+    def codes(self, letter: str) -> tuple[Ints, Ints]:
+        """Lines and values of all words with a letter, in tenths."""
+        line, value = self.of(letter)
+        return line, np.rint(10.0 * value).astype(np.int64)
 
 
 def read(program: Program, grammar: Grammar) -> Reading:
     """Parse the text. Raises PostError with the line where it is not what the dialect writes."""
     n = len(program.lines)
     tokens, known = _tokens(program, grammar)
-    codes = np.rint(10.0 * tokens.value).astype(np.int64)
-    is_g, is_m = tokens.letter == _G, tokens.letter == _M
-    modal = is_g & np.isin(codes, (*_MOVES, 52, 53))
-    motion = _held(n, tokens.line[modal], codes[modal], -1)
-    dwells = _marked(n, tokens.line[is_g & (codes == _DWELL)])
-    leaves = _marked(n, tokens.line[is_g & np.isin(codes, list(_LEAVES))]) | ~known
+    g_line, g = tokens.codes("G")
+    m_line, m = tokens.codes("M")
+    modal = np.isin(g, (*_MOVES, 52, 53))
+    motion = _held(n, g_line[modal], g[modal], -1)
+    dwells = _marked(n, g_line[g == _DWELL])
+    leaves = _marked(n, g_line[np.isin(g, list(_LEAVES))]) | ~known
     axes, names = _axes(program, tokens, n, dwells)
     axes[1:][leaves] = np.nan
     named = names.any(axis=1) & ~leaves
     joints = _followed(axes, leaves, program.work_offset)
     is_motion = named & (motion >= 0)
     xy = (program.axis_letters.index("X"), program.axis_letters.index("Y"))
-    arcs = read_arcs(
-        joints,
-        is_motion & ((motion == 20) | (motion == 30)),
-        motion == 20,
-        [_values(n, tokens, "I"), _values(n, tokens, "J")],
-        xy,
+    offsets = [_values(n, tokens, "I"), _values(n, tokens, "J")]
+    arcs = read_arcs(joints, is_motion & ((motion == 20) | (motion == 30)), motion == 20, offsets, xy)
+    in_spline = ((motion == 52) & named) | _marked(n, g_line[g == 53])
+    order = _values(n, tokens, "L")
+    splines = read_splines(
+        joints, in_spline, motion == 53, np.where(np.isnan(order), 3.0, order), _values(n, tokens, "P"), xy
     )
-    in_spline = (motion == 52) & named | _marked(n, tokens.line[is_g & (codes == 53)])
-    order = np.where(np.isnan(_values(n, tokens, "L")), 3.0, _values(n, tokens, "L"))
-    splines = read_splines(joints, in_spline, motion == 53, order, _values(n, tokens, "P"), xy)
     is_motion |= in_spline
-    modes = is_g & np.isin(codes, (930, 940))
-    by_time = _held(n, tokens.line[modes], codes[modes], 940) == 930
+    modes = (g == 930) | (g == 940)
+    by_time = _held(n, g_line[modes], g[modes], 940) == 930
     time_s = _times(program, tokens, (joints, arcs, splines), is_motion & (motion != 0), by_time)
-    m_codes = codes // 10
-    gates, stops = is_m & np.isin(m_codes, (62, 63)), is_m & (m_codes == 5)
+    gates = (m == 620) | (m == 630)
     return Reading(
-        joints, is_motion, is_motion & (motion == 0),
-        _held(n, tokens.line[gates], m_codes[gates], 63) == 62,
-        time_s, _held(n, *_whole(tokens.of("T")), 0),
-        _spindle(n, tokens, stops), _power(n, tokens, is_m & (m_codes == 67)), arcs, splines,
+        joints, is_motion, is_motion & (motion == 0), _held(n, m_line[gates], m[gates], 630) == 620, time_s,
+        _held(n, *_whole(tokens.of("T")), 0), _spindle(n, tokens, m_line[m == 50]), _power(n, tokens, m_line[m == 670]),
+        arcs, splines,
     )  # fmt: skip
 
 
 def _tokens(program: Program, grammar: Grammar) -> tuple[Tokens, Bools]:
-    """Words without N, and (n,) bool: lines that this parser knows; others may only be macros' lines. Raises PostError."""
+    """All words, and (n,) bool: lines that this parser knows; others may only be macros' lines. Raises PostError."""
     n = len(program.lines)
     text = np.frombuffer(("\n".join(program.lines) + "\n").encode("ascii", "replace"), dtype=np.uint8)
     room = len(text) // 2 + 1
-    line, letter, value = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64), np.empty(room)
+    line, letter, value = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.uint8), np.empty(room)
     known = np.ones(n, dtype=np.bool_)
     count = _split(text, line, letter, value, known)
     line, letter, value = line[:count], letter[:count], value[:count]
-    first = np.searchsorted(line, np.arange(n))
+    sizes = np.bincount(line, minlength=n)
+    first = np.cumsum(sizes) - sizes
     numbered = np.zeros(n, dtype=np.bool_)
-    inside = first < count
+    inside = sizes > 0
     numbered[inside] = (line[first[inside]] == np.flatnonzero(inside)) & (letter[first[inside]] == _N)
     numbered[inside] &= value[first[inside]] == np.flatnonzero(inside) + 1
-    codes = np.rint(10.0 * value).astype(np.int64)
-    g = (letter == _G) & ~np.isin(codes, list(_STATES | _LEAVES | grammar.g | {*_MOVES, _DWELL}))
-    m = (letter == _M) & ~np.isin(codes, [10 * code for code in grammar.m])
-    odd = (letter == _N) & (np.arange(count) != first[line])
-    known[line[g | m | odd]] = False
+    tokens = Tokens(line, letter, value)
+    for word, fit in (("G", [*_STATES, *_LEAVES, *grammar.g, *_MOVES, _DWELL]), ("M", [10 * m for m in grammar.m])):
+        said, codes = tokens.codes(word)
+        known[said[~np.isin(codes, fit)]] = False
+    numbers = np.flatnonzero(letter == _N)
+    known[line[numbers[numbers != first[line[numbers]]]]] = False
     wrong = ~numbered | (~known & ~np.isin(program.table["kind"], _FREE_KINDS))
     if wrong.any():
         at = int(np.argmax(wrong))
         raise PostError(f"line {at + 1} cannot be read back: {program.lines[at]!r}", "report this program")
-    kept = letter != _N
-    return Tokens(line[kept], letter[kept], value[kept]), known
+    return tokens, known
 
 
 @njit(cache=True)
-def _split(text: NDArray[np.uint8], line: Ints, letter: Ints, value: Floats, known: Bools) -> int:
+def _split(text: Bytes, line: Ints, letter: Bytes, value: Floats, known: Bools) -> int:
     """Fill in the words of all lines; how many. `known` becomes False for lines that are not made of words and comments."""
     at, row, count, size = 0, 0, 0, len(text)
     while at < size:
@@ -261,16 +263,15 @@ def _times(program: Program, tokens: Tokens, way: tuple[Floats, Arcs, Splines], 
     return np.asarray(60.0 * minutes)
 
 
-def _spindle(n: int, tokens: Tokens, stops: Bools) -> Floats:
+def _spindle(n: int, tokens: Tokens, stops: Ints) -> Floats:
     lines, speeds = tokens.of("S")
-    every = np.concatenate([lines, tokens.line[stops]])
+    every = np.concatenate([lines, stops])
     order = np.argsort(every, kind="stable")
-    values = np.concatenate([speeds, np.zeros(int(stops.sum()))])[order]
+    values = np.concatenate([speeds, np.zeros(len(stops))])[order]
     return np.append(0.0, values)[np.searchsorted(every[order], np.arange(n), side="right")]
 
 
-def _power(n: int, tokens: Tokens, is_power: Bools) -> Floats:
+def _power(n: int, tokens: Tokens, lines: Ints) -> Floats:
     """(n,) W: what M67 has said last, for the motion behind it; NaN before the first."""
-    lines = tokens.line[is_power]
     values = _values(n, tokens, "Q")[lines]
     return np.append(np.nan, values)[np.searchsorted(lines, np.arange(n), side="right")]
