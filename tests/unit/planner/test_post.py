@@ -256,7 +256,7 @@ def _assert_velocities(program: Program, cell: Cell) -> None:
 
 
 def test_no_move_is_shorter_than_the_controller_takes(trunnion: Cell) -> None:
-    slow = trunnion.model_copy(update={"cnc": trunnion.cnc.model_copy(update={"max_blocks_per_s": 8.0})})
+    slow = trunnion.model_copy(update={"cnc": trunnion.cnc.model_copy(update={"max_blocks_per_s": 8.0, "takes_arcs": False})})
     program, report = post_with_report(plan_of([contour_operation(0)]), slow)
     reading = read(program)
     feeds = reading.is_motion & ~reading.is_rapid
