@@ -225,7 +225,8 @@ class DryRun:
             return WAIT_STEP_S
         if self.controller.boundary_near:
             return BOUNDARY_STEP_S
-        return min(max(STEP_S, self.controller.quiet_s), LONG_STEPS * STEP_S)
+        usual = min(max(STEP_S, self.controller.quiet_s), LONG_STEPS * STEP_S)
+        return max(min(usual, self.controller.until_next_s), FINE_STEP_S)
 
     def _check_after(self) -> None:
         deposits = self.program.process in ("hybrid", "deposit")

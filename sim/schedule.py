@@ -94,6 +94,14 @@ class IdealController:
         return line <= self.executing + NEAR_LINES and not 0 < self.boundary <= line
 
     @property
+    def until_next_s(self) -> float:
+        """Time that goes by at least before the line of the next set-point begins; what is behind the next layer's begin does not count."""
+        if self._next_event >= len(self._event_lines):
+            return float("inf")
+        line = self._event_lines[self._next_event]
+        return float("inf") if 0 < self.boundary <= line else self._world.cnc.machine.motion.planned_before_s(line)
+
+    @property
     def quiet_s(self) -> float:
         """Length of a step in which nothing is due and whose end finds motion enough for lines to wait; 0 if a set-point may be due.
 

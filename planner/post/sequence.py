@@ -16,6 +16,7 @@ from planner.plan import Operation, Pass, Plan
 from planner.post.arc_shape import arc_over_chord
 from planner.post.arcs import with_arcs
 from planner.post.clock import item_times, spin_up_s
+from planner.post.economy import Built
 from planner.post.linearise import LinearOperation
 from planner.post.macros import END, START
 from planner.post.pass_curve import PassCurve
@@ -25,8 +26,8 @@ from planner.post.positioning import Positioner
 from planner.post.process_state import MODE_DEPOSIT, MODE_MILL, MODE_SAFE, ProcessState
 from planner.post.reaching import reach_operation
 from planner.post.tape import Move, Origin, Tape
-from planner.post.watching import watch_moves
 from planner.post.tracking import ActualSpeed, actual_speed, tracked
+from planner.post.watching import watch_moves
 from planner.program import LineKind
 
 _SAME_ARC_MM = 1e-6
@@ -43,6 +44,8 @@ class Counts:
     positionings: int = 0
     changes: list[str] = field(default_factory=list)
     """One line each: what is run with other axes, poses or tools than planned, and why."""
+    built: dict[str, Built] = field(default_factory=dict)
+    """Kind of operation -> how far its moves are off their passes by construction."""
 
 
 @dataclass
@@ -95,6 +98,8 @@ class Sequencer:
         self.guard.begin(operation)
         reached = reach_operation(operation, curves, self)
         tool, curves, moves = reached.tool, list(reached.curves), with_arcs(reached.moves, self.cell)
+        kind = operation.process.value
+        self.counts.built[kind] = self.counts.built.get(kind, Built()).with_moves(moves.tip_mm, moves.axis_deg)
         operation = self.posted[number] = replace(operation, passes=tuple(curve.source for curve in curves))
         is_changed = tool.number != self.tape.tool
         begin, stood = self.tape.count, self.tape.joints
@@ -194,9 +199,10 @@ class Sequencer:
     def _change_tool(self, number: int, operation: Operation, origin: Origin) -> None:
         self._stand_clear(origin)
         self._spin(0.0, origin)
+        is_in = self.tape.tool == 0 and number == self.cell.tools[0].number  # a cell stands with its first tool in
         self.tape.tool = number
-        place = Origin(LineKind.TOOL, origin.layer, origin.operation)
-        change = self.tape.command(f"M6 T{number}", place, stops=True, time_s=self.cell.response.tool_change_s)
+        place, change_s = Origin(LineKind.TOOL, origin.layer, origin.operation), self.cell.response.tool_change_s
+        change = self.tape.command(f"M6 T{number}", place, stops=True, time_s=0.0 if is_in else change_s)
         if not operation.process.is_deposit and self.state.mode != MODE_MILL:
             self.state.enter_mode(MODE_MILL, change)
 

@@ -23,7 +23,7 @@ TOLERANCE = 0.025
 """Relative: what a level may be off over the stretch for which it holds; two stretches that meet are off by twice that at most."""
 POWDER_RISE = 1.2
 """Greatest step up of the powder: the nozzle then never gives less than 0.83 of the set rate."""
-_STREAM_SLACK = 0.25  # of the time of a write: less energy than it gives is no line of the program worth
+_SLACK = 0.25  # of the time of a write: what the planned power gives in it is worth no change of the level
 _SAME_ARC_MM = 1e-6
 _DIGITS = 3  # significant ones of a level: 0.5 % at worst
 
@@ -85,7 +85,7 @@ def tracked(
 def _power_entries(emissions: list[Emission], speed: ActualSpeed, cell: Cell, window: Deposition) -> list[Entry]:
     """Level of each stretch as early as the laser is dark before it, then at the moves where it changes."""
     in_stream = cell.cnc.power_output is not None
-    slack_s = (_STREAM_SLACK if in_stream else 0.5) * cell.response.laser_write_s
+    slack_s = _SLACK * cell.response.laser_write_s
     least_s = 0.0 if in_stream else cell.response.laser_write_s
     found: list[Entry] = []
     level_w = 0.0
@@ -156,31 +156,42 @@ def track(
 
 @njit(cache=True)
 def _track(planned: Floats, wanted: Floats, time_s: Floats, slack_s: float, least_s: float, rise: float) -> Floats:
-    """Levels as in `track`: for each stretch the interval of levels that stay within the tolerance at the end of every move narrows."""
+    """Levels as in `track`: the planned one for as long as it is right, else the mean over the least time, for as long as that is."""
     n = len(planned)
     levels = np.empty(n)
     i = 0
     while i < n:
-        low, high, amount, time = 0.0, np.inf, 0.0, 0.0
-        j, soonest = i, i
-        while j < n and planned[j] == planned[i]:
-            more, until = amount + wanted[j] * time_s[j], time + time_s[j]
-            if until > 0.0:
-                off = TOLERANCE * more + slack_s * planned[j]
-                low_now, high_now = max(low, (more - off) / until), min(high, (more + off) / until)
-                if low_now > high_now and time >= least_s:
-                    break
-                low, high = (low_now, high_now) if low_now <= high_now else (more / until, more / until)
-            amount, time = more, until
-            j += 1
-            if soonest == i and time >= least_s:
-                soonest = j
-        level = planned[i]
-        if time > 0.0 and not low <= level <= high:
-            level = min(max(amount / time, low), high)
+        soonest, amount, time = i, 0.0, 0.0
+        while soonest < n and planned[soonest] == planned[i] and (soonest == i or time < least_s):
+            amount, time = amount + wanted[soonest] * time_s[soonest], time + time_s[soonest]
+            soonest += 1
+        level, slack = planned[i], slack_s * planned[i]
+        j = _right_until(level, planned, wanted, time_s, i, slack)
+        if j < soonest:
+            level = amount / time if time > 0.0 else level
+            j = max(soonest, _right_until(level, planned, wanted, time_s, i, slack))
         if rise > 0.0 and i > 0 and planned[i] == planned[i - 1] and level > rise * levels[i - 1]:
-            level = rise * levels[i - 1]
-            j = j if low <= level or soonest == i else soonest  # too little: no longer than it must
+            level, j = rise * levels[i - 1], soonest
         levels[i:j] = level
         i = j
     return levels
+
+
+@njit(cache=True)
+def _right_until(level: float, planned: Floats, wanted: Floats, time_s: Floats, begin: int, slack: float) -> int:
+    """Where the first stretch begins over which a level gives more than the slack and TOLERANCE too much or too little."""
+    much, little, since_much, since_little = 0.0, 0.0, begin, begin
+    k = begin
+    while k < len(planned) and planned[k] == planned[begin]:
+        much += (level - (1.0 + TOLERANCE) * wanted[k]) * time_s[k]
+        little += ((1.0 - TOLERANCE) * wanted[k] - level) * time_s[k]
+        if much > slack:
+            return since_much
+        if little > slack:
+            return since_little
+        if much <= 0.0:
+            much, since_much = 0.0, k + 1
+        if little <= 0.0:
+            little, since_little = 0.0, k + 1
+        k += 1
+    return k

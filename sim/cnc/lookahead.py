@@ -134,6 +134,20 @@ def planned_s(blocks: Floats, state: Floats) -> float:
 
 
 @njit(cache=True)
+def planned_before_s(blocks: Floats, state: Floats, line: float) -> float:
+    """Time of the planned blocks of lines before `line` at their programmed speeds, s, what is done of the first one taken off."""
+    size = blocks.shape[0]
+    head, total = int(state[HEAD]), 0.0
+    for k in range(int(state[COUNT])):
+        block = blocks[(head + k) % size]
+        if block[LINE] >= line:
+            break
+        left = block[LENGTH] - (state[DISTANCE] if k == 0 else 0.0)
+        total += left / nominal_speed(block, 1.0, 1.0)
+    return total
+
+
+@njit(cache=True)
 def replan(blocks: Floats, state: Floats, feed_override: float, rapid_override: float) -> None:
     """Entry speeds of all blocks behind the executing one: last to first so that each can brake, first to last so that each can be reached."""
     size = blocks.shape[0]

@@ -113,6 +113,10 @@ class Motion:
         """Time that the planned blocks would take at their programmed speeds: a lower bound of what they will take."""
         return float(la.planned_s(self._blocks, self._state))
 
+    def planned_before_s(self, line: int) -> float:
+        """Time of the planned blocks of lines before one at their programmed speeds: a lower bound of when it begins."""
+        return float(la.planned_before_s(self._blocks, self._state, float(line)))
+
     def place(self, position: Sequence[float] | Floats) -> None:
         """Stand at a position with an empty buffer; queued outputs are dropped, outputs keep their level."""
         outputs = self._state[la.OUTPUTS]
