@@ -15,7 +15,7 @@ from planner.post.header import operation_text
 from planner.post.pass_curve import PassCurve
 from planner.post.tape import Entry, Move, Tape
 from planner.post.tcp_blocks import BLOCK_DTYPE, Blocks, Command, Say, What, meaning
-from planner.post.tcp_pass import Control, Floats, Frame, Spline, splines, straight
+from planner.post.tcp_pass import Control, Floats, Frame, Spline, samples, splines, straight
 from planner.program import Channel
 
 Ints = NDArray[np.int64]
@@ -74,12 +74,14 @@ class Builder:
         for entry in job.tape.entries:
             self._entries.setdefault(entry.item, []).append(entry)
         self._laser_w: float | None = None
+        self._samples: tuple[PassCurve, Floats] | None = None  # of the pass at hand
         self._machine_moves = 0  # since the tip was moved
         self._was_dark = (
             False  # the gate went off since the last move: it is to close with motion, not with a change of mode
         )
         self._starts = np.vstack([[axis.home for axis in job.cell.axes], self._items["joints"][:-1]])
-        self._tips = {tool.number: np.array(tool.tip_mm) for tool in job.cell.tools}
+        self._end = self._poses(self._items["joints"])
+        self._begin = self._poses(self._starts)
 
     def build(self) -> Blocks:
         """All blocks in the order of the tape. Raises PostError for a command that has no meaning here."""
@@ -127,11 +129,7 @@ class Builder:
             else:
                 self._machine_moves = 0
             block["what"] = What.MACHINE if is_machine else What.RAPID if row["move"] == Move.RAPID else What.LINE
-            way = (
-                float(np.linalg.norm(self._tip(item, self._starts[item]) - block["tip"][0]))
-                if stands
-                else float(row["way"])
-            )
+            way = float(np.linalg.norm(self._begin[0][item] - self._end[0][item])) if stands else float(row["way"])
             block["feed_mm_min"] = 60.0 * way / max(float(row["time_s"]), 1e-9)
             self._parts.append(block)
 
@@ -188,7 +186,7 @@ class Builder:
             made = splines(curve, start, end, frame, self._control, cell.chord_tolerance_mm)
         if made:
             return np.concatenate([_spline_blocks(item, curve, feed) for item in made])
-        at = straight(curve, start, end, cell.chord_tolerance_mm, cell.axis_tolerance_deg)
+        at = straight(curve, self._sampled(curve), start, end, cell.axis_tolerance_deg)
         if self._control.tells_rotary and not curve.has_constant_axis:
             own = curve.at_arc_length(
                 tape_arcs[(tape_arcs > arcs[0] + _SHORTEST_MM) & (tape_arcs < arcs[1] - _SHORTEST_MM)]
@@ -202,6 +200,11 @@ class Builder:
         blocks["arc_start_mm"], blocks["arc_end_mm"] = reached[:-1], reached[1:]
         blocks["feed_mm_min"] = feed
         return blocks
+
+    def _sampled(self, curve: PassCurve) -> Floats:
+        if self._samples is None or self._samples[0] is not curve:
+            self._samples = (curve, samples(curve, self._job.cell.chord_tolerance_mm))
+        return self._samples[1]
 
     def _placed_on_tape(self, blocks: NDArray[np.void], item: int, arcs: Floats, clock: Floats, joints: Floats) -> None:
         source = self._items[item]
@@ -274,7 +277,7 @@ class Builder:
         if self._items["command"][item] < 0:  # said before the move: the machine stands where it began
             row["joints"] = self._starts[item]
             row["time_s"] = 0.0
-            self._set_tip(row, item, self._starts[item])
+            row["tip"], row["axis"] = row["tip_end"], row["axis_end"] = self._begin[0][item], self._begin[1][item]
             row["arc_end_mm"] = row["arc_start_mm"]
         self._was_dark = self._was_dark or (command.say == Say.GATE and command.value == 0.0)
         self._commands.append(command)
@@ -286,20 +289,18 @@ class Builder:
             row[name] = source[name]
         row["command"], row["item"] = -1, item
         row["time_s"] = self._job.times[item]
-        self._set_tip(row, item, source["joints"])
+        row["tip"], row["axis"] = row["tip_end"], row["axis_end"] = self._end[0][item], self._end[1][item]
         return row
 
-    def _set_tip(self, row: NDArray[np.void], item: int, joints: Floats) -> None:
-        tool_tip = self._tips.get(int(self._items["tool"][item]), np.zeros(3))
-        tip, axis = self._job.chain.forward(np.asarray(joints, dtype=np.float64)[None, :], tool_tip)
-        shift: Floats = self._job.placed[:3, 3] - self._job.frame.shift
-        row["tip"] = row["tip_end"] = tip - shift
-        row["axis"] = row["axis_end"] = axis
-
-    def _tip(self, item: int, joints: Floats) -> Floats:
-        row = np.zeros(1, BLOCK_DTYPE)
-        self._set_tip(row, item, joints)
-        return np.asarray(row["tip"][0], dtype=np.float64)
+    def _poses(self, joints: Floats) -> tuple[Floats, Floats]:
+        """Tips, workpiece, and axes (n, 3) at joints (n, 5), each with the tool of its item."""
+        job, tools = self._job, self._items["tool"]
+        tips, axes = np.zeros((len(joints), 3)), np.zeros((len(joints), 3))
+        lengths = {tool.number: np.array(tool.tip_mm) for tool in job.cell.tools}
+        for number in np.unique(tools).tolist():
+            rows = np.flatnonzero(tools == number)
+            tips[rows], axes[rows] = job.chain.forward(joints[rows], lengths.get(number, np.zeros(3)))
+        return tips - (job.placed[:3, 3] - job.frame.shift), axes
 
 
 def _edges(first: float, last: float, cuts: Floats) -> Floats:

@@ -126,14 +126,15 @@ class _Checker:
         joints[:, [k for k, axis in enumerate(self._cell.axes) if axis.kind == "rotary"]] = rotary
         return self._chain.forward(joints, np.zeros(3))[1]
 
-    def _between(self, group: Ints, share: float) -> Floats:
+    def _between(self, group: Ints, share: Floats) -> Floats:
         """(n, 3) axes at a share of the motions: rotary axes go evenly where the control is told them, else the axis turns in a plane."""
         axis = self._start_axes[group] + share * (self._ends[group] - self._start_axes[group])
         axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
         rotary = self._motions["rotary"]
         before = rotary[np.maximum(group - 1, 0)]
         told = np.isfinite(before).all(axis=1) & np.isfinite(rotary[group]).all(axis=1)
-        axis[told] = self._axes_of(before[told] + share * (rotary[group][told] - before[told]))
+        if told.any():
+            axis[told] = self._axes_of(before[told] + share[told] * (rotary[group][told] - before[told]))
         return axis
 
     def _pass(self, group: Ints, number: int, index: int) -> None:
@@ -167,18 +168,18 @@ class _Checker:
         tip0, tip1 = self._starts[group], self._motions["tip"][group]
         way = np.linalg.norm(tip1 - tip0, axis=1)
         moves = way > _ROUNDING_MM
-        for share in _SHARES:
-            tip = tip0 + share * (tip1 - tip0)
-            axis = self._between(group, float(share))
-            arc = starts + share * (ends - starts)
-            at = curve.at_arc_length(arc)
-            along = np.einsum("ij,ij->i", tip - curve.tips(at), tip1 - tip0) / np.maximum(way, 1e-9)
-            nearer = curve.at_arc_length(np.clip(arc + np.where(moves, along, 0.0), 0.0, curve.length_mm))
-            off = np.minimum(
-                np.linalg.norm(tip - curve.tips(at), axis=1), np.linalg.norm(tip - curve.tips(nearer), axis=1)
-            )
-            turned = np.minimum(angle_between_deg(axis, curve.axes(at)), angle_between_deg(axis, curve.axes(nearer)))
-            self._take(group, off, turned)
+        share = np.repeat(_SHARES, len(group))
+        every = np.tile(np.arange(len(group)), len(_SHARES))
+        chord = (tip1 - tip0)[every]
+        tip = tip0[every] + share[:, None] * chord
+        axis = self._between(group[every], share[:, None])
+        arc = starts[every] + share * (ends - starts)[every]
+        at = curve.at_arc_length(arc)
+        along = np.einsum("ij,ij->i", tip - curve.tips(at), chord) / np.maximum(way[every], 1e-9)
+        nearer = curve.at_arc_length(np.clip(arc + np.where(moves[every], along, 0.0), 0.0, curve.length_mm))
+        off = np.minimum(np.linalg.norm(tip - curve.tips(at), axis=1), np.linalg.norm(tip - curve.tips(nearer), axis=1))
+        turned = np.minimum(angle_between_deg(axis, curve.axes(at)), angle_between_deg(axis, curve.axes(nearer)))
+        self._take(group[every], off, turned)
 
     def _curve(self, k: int, curve: PassCurve) -> None:
         """A NURBS at places that fix all its polynomial pieces, each compared with the pass at the same parameter."""

@@ -123,9 +123,16 @@ def splines(
     return [item for item, _ in rounded] if off * size <= _WEIGHT_SHARE * tip_tolerance_mm else []
 
 
-def straight(curve: PassCurve, start: float, end: float, tip_tolerance_mm: float, axis_tolerance_deg: float) -> Floats:
-    """(n,) parameters from start to end between which tip and axis may go straight (the axis turning in a plane)."""
-    parameters, _ = curve.first_parameters(_LINE_SHARE * tip_tolerance_mm)
+def samples(curve: PassCurve, tip_tolerance_mm: float) -> Floats:
+    """(n,) parameters of a whole pass between which the tip may go straight."""
+    return curve.first_parameters(_LINE_SHARE * tip_tolerance_mm)[0]
+
+
+def straight(curve: PassCurve, parameters: Floats, start: float, end: float, axis_tolerance_deg: float) -> Floats:
+    """(n,) parameters from start to end between which tip and axis may go straight (the axis turning in a plane).
+
+    parameters : as `samples` gives them
+    """
     slack = _SAME_KNOT * (end - start)
     inner = parameters[(parameters > start + slack) & (parameters < end - slack)]
     found = np.concatenate([[start], inner, [end]])

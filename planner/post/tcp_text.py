@@ -127,15 +127,16 @@ def speaks_anew(blocks: Blocks) -> Bools:
 
 
 def machine_edges(blocks: Blocks) -> tuple[Bools, Bools]:
-    """(n,) bool each: blocks before which the transformation has to go off, and machine moves after which it has to come on.
+    """(n,) bool each: blocks before which the transformation has to go off, and blocks after which it has to come on.
 
-    It goes off before the first machine move and before a tool change that comes after moves of the tip, and comes on as soon as the machine stands
-    where the next move of the tip begins.
+    It is off for machine moves, tool changes and the end, and comes on as soon as the machine stands where the next move of the tip begins.
     """
-    what = blocks.rows["what"]
-    moves = np.flatnonzero(what != What.COMMAND)
+    what, index = blocks.rows["what"], blocks.rows["command"]
+    stands = np.array([command.say in (Say.TOOL, Say.END) for command in blocks.commands], dtype=np.bool_)
+    is_machine = (what == What.MACHINE) | ((index >= 0) & stands[index])
+    marks = np.flatnonzero((what != What.COMMAND) | is_machine)
     off, on = np.zeros(len(what), dtype=np.bool_), np.zeros(len(what), dtype=np.bool_)
-    is_machine = what[moves] == What.MACHINE
-    off[moves[is_machine & ~np.append(True, is_machine[:-1])]] = True
-    on[moves[is_machine & ~np.append(is_machine[1:], True)]] = True
+    here = is_machine[marks]
+    off[marks[here & ~np.append(True, here[:-1])]] = True
+    on[marks[here & ~np.append(here[1:], True)]] = True
     return off, on
