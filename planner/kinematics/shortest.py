@@ -17,6 +17,8 @@ OUTSIDE_S = 1e6
 """Cost of a pose outside the travel: more than any way between poses inside, s."""
 _UNWIND_S = 2.0  # of a retract and an approach, which unwinding takes
 _LEAP_S = 20.0  # of half a turn from one row to the next within a piece, squared: leaps cost, fine steps do not
+_LEAP_DEG = 90.0  # within a piece: from here on it is asked whether a way out of the travel goes without
+_SPARE_LEAP_S = 1e12  # the same where nothing inside the travel leads through: more than being outside all the way
 _SLACK_DEG = 1e-6
 
 
@@ -72,13 +74,25 @@ def shortest_way(
         np.ascontiguousarray(lattice.lean), lattice.lean_step, lattice.lean_cost,
     )  # fmt: skip
     facts = np.array([start, low - _SLACK_DEG, high + _SLACK_DEG, speed], dtype=np.float64)
-    for spare in (0, max(spare_turns, _turns_of(lattice))):
-        chosen, turns, cost = _cheapest(*arrays, facts, fewest - spare, most + spare, spare > 0)
-        if np.isfinite(cost):
-            break
-    angles = lattice.angles[np.arange(n), chosen] + 360.0 * turns
+    way = _traced(lattice, *_cheapest(*arrays, facts, fewest, most, False), low, high)
+    leap = _greatest_step(way, lattice)
+    if np.isfinite(way.cost) and leap <= _LEAP_DEG:
+        return way
+    spare = max(spare_turns, _turns_of(lattice))
+    other = _traced(lattice, *_cheapest(*arrays, facts, fewest - spare, most + spare, True), low, high)
+    return other if not np.isfinite(way.cost) or _greatest_step(other, lattice) < 0.5 * leap else way
+
+
+def _traced(lattice: Lattice, chosen: Ints, turns: Ints, cost: float, low: Floats, high: Floats) -> Way:
+    angles = lattice.angles[np.arange(len(chosen)), chosen] + 360.0 * turns
     inside = bool(np.isfinite(cost) and np.all((angles >= low - 1e-5) & (angles <= high + 1e-5)))
     return Way(chosen, angles, float(cost), inside)
+
+
+def _greatest_step(way: Way, lattice: Lattice) -> float:
+    """Greatest turn of a joint from one row to the next within a piece, deg."""
+    steps = np.abs(np.diff(way.angles, axis=0)).max(axis=1, initial=0.0)
+    return float(np.max(steps[~lattice.may_unwind[1:]], initial=0.0))
 
 
 def _turns_of(lattice: Lattice) -> int:
@@ -151,6 +165,15 @@ def _cheapest(
                     back[i, to],
                 )
         here = new
+    return _followed_back(back, here, turns, k2, fewest)
+
+
+@njit(cache=True)
+def _followed_back(
+    back: NDArray[np.int32], here: Floats, turns: int, k2: int, fewest: Ints
+) -> tuple[Ints, Ints, float]:
+    """Candidates (n,) and turns (n, 2) on the way to the cheapest of the last states, and its cost."""
+    n = len(back)
     state = int(np.argmin(here))
     least = here[state]
     chosen, turned = np.zeros(n, dtype=np.int64), np.zeros((n, 2), dtype=np.int64)
@@ -192,7 +215,7 @@ def _relax(
                     continue
                 total = before[k] + more + abs(to1 - first) / facts[3, 0] + abs(to2 - second) / facts[3, 1]
                 if not any_turn:
-                    total += _LEAP_S * ((to1 - first) ** 2 + (to2 - second) ** 2) / 180.0**2
+                    total += (_SPARE_LEAP_S if is_spare else _LEAP_S) * ((to1 - first) ** 2 + (to2 - second) ** 2) / 180.0**2
                 total += (OUTSIDE_S if outside else 0.0) + (_UNWIND_S if t1 != near1 or t2 != near2 else 0.0)
                 place = (t1 - fewest[0]) * k2 + t2 - fewest[1]
                 if total < reached[place]:

@@ -31,6 +31,7 @@ _LEAN_S = 0.02  # cost of leaning by the whole cone at a station, squared
 _CHANGE_S = 0.002  # cost of a degree's change of lean, squared
 _NEAR_S = 0.05  # cost of a clearance of 0, falling to none where there is enough
 _ENOUGH_MM = 1.0
+_ENDS_S = 1.0  # of leaning where the operation begins or ends: it should go on from where others leave off
 _POLE_DEG = 2.0  # off the pole: nearer, the spin joint would hurry
 _POLE_S = 0.05
 _RATE_SLACK = 1.6  # of a spline over stations against the rate between them, corners of the planned axis included
@@ -168,6 +169,7 @@ def _lattice(
     share = np.linalg.norm(leans, axis=1) / max(bounds.cone_deg, 1e-9)
     off = np.rad2deg(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, _spin(solver)), axis=2), 0.0, 1.0)))
     cost += (_LEAN_S * share**2 + _POLE_S * np.where(free, 0.0, np.maximum(1.0 - off / _POLE_DEG, 0.0) ** 2))[:, :, None]
+    cost[[0, -1], 1:] += _ENDS_S
     _add_clearance(angles, cost, axes, grid, solver, guard, tool, bounds)
     if not np.isfinite(cost).any(axis=(1, 2)).all():
         return None, axes

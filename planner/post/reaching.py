@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _SPINS_DEG = (0.0, 90.0, 180.0, -90.0, 45.0, -45.0, 135.0, -135.0)
 """Of the part about an upright tool, where it may stand as it likes."""
+_QUARTERS, _BETTER_MM = 3, 0.05  # turns after which it is asked whether turning helps at all, and by how much it should
 _MARGINS_MM = (0.5, 1.5)
 """Clearances that leaning keeps at its stations; the greater one where a spline between them came too near."""
 _BALL_CONE_DEG = 30.0  # of a ball cutter: its flutes' ball still cuts
@@ -142,13 +143,19 @@ class _Work:
         spin = self._solver.pair.columns[self._solver.pair.spin]
         joints = first.reached.moves.poses.joints
         if float(np.ptp(joints[:, list(self._solver.pair.columns)], axis=0).max()) == 0.0:
+            depths: list[float] = []
             for angle in _SPINS_DEG:
-                if abs(angle - float(joints[0, spin])) > 1.0:
-                    turned = f"table turned to {self._cell.axes[spin].letter} {angle:g} deg about the tool"
-                    yield from self._quiet(curves, self._solver.with_spin(angle), turned)
+                if abs(angle - float(joints[0, spin])) <= 1.0:
+                    continue
+                if len(depths) >= _QUARTERS and min(depths) > first.blocked.depth - _BETTER_MM:
+                    return
+                told = f"{self._cell.axes[spin].letter} at {angle:g} deg, turned about the upright tool, as planned {first.blocked.why}"
+                for tried in self._quiet(curves, self._solver.with_spin(angle), told):
+                    depths.append(tried.blocked.depth)
+                    yield tried
             return
         for branch in (0, 1):
-            yield from self._quiet(curves, self._solver.with_branch(branch), "other branch of the rotary axes")
+            yield from self._quiet(curves, self._solver.with_branch(branch), f"other branch of the rotary axes, as planned {first.blocked.why}")
 
     def _quiet(self, curves: Sequence[PassCurve], solver: PoseSolver, told: str) -> Iterator[_Try]:
         """A try that may not be possible."""

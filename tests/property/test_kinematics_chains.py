@@ -22,7 +22,8 @@ def unit(vector: tuple[float, float, float]) -> Floats:
     """The direction of a vector long enough to have one."""
     length = float(np.linalg.norm(vector))
     assume(length > 0.1)
-    return np.asarray(np.array(vector) / length)
+    direction: Floats = np.array(vector) / length
+    return direction
 
 
 @st.composite
@@ -75,7 +76,7 @@ def check_both(chain: Chain, tip: Floats, axis: Floats, tool: Floats) -> Floats:
     return found
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(chains(), poses_drawn, tools)
 def test_forward_of_inverse_is_the_identity_on_both_branches_of_any_chain(
     chain: Chain, poses: list[tuple[tuple[float, float, float], float, float]], tool: tuple[float, float, float]
@@ -92,7 +93,7 @@ def test_forward_of_inverse_is_the_identity_on_both_branches_of_any_chain(
     assert np.abs(turn).max(axis=2).min(axis=1)[clear].max(initial=0.0) < 1e-6, "one of the branches is where it came from"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(chains(aligns=True), vectors, st.sampled_from((-1.0, 1.0)), vectors, st.floats(0.0, 1e-6), tools)
 def test_at_and_near_the_singular_pose_the_inverse_still_gives_tip_and_axis(
     chain: Chain,
@@ -106,10 +107,10 @@ def test_at_and_near_the_singular_pose_the_inverse_still_gives_tip_and_axis(
     spin = (pair.first, pair.second)[pair.spin].direction
     axis = unit(tuple(sense * spin + off * np.array(aside)))[None, :]
     assume(rotary_angles(pair, axis).is_reachable.all())
-    check_both(chain, 200.0 * np.array([tip]), axis, np.array(tool))
+    assert check_both(chain, 200.0 * np.array([tip]), axis, np.array(tool)).shape == (1, 2, 5)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(chains(), turns, st.floats(-1e-5, 1e-5), st.sampled_from((0.0, 180.0)), vectors, tools)
 def test_where_both_branches_meet_at_the_edge_of_what_the_rotaries_reach_the_inverse_is_exact(
     chain: Chain, spin_deg: float, off_deg: float, side_deg: float, way: tuple[float, float, float], tool: tuple[float, float, float]
@@ -125,4 +126,4 @@ def test_where_both_branches_meet_at_the_edge_of_what_the_rotaries_reach_the_inv
     tip, axis = chain.forward(joints, np.array(tool))
     lifted = rotated(UP[None, :], tilt.direction, np.array([edge + side_deg]))[0]
     assert abs(lifted @ np.cross(tilt.direction, spin.direction)) < 1e-9
-    check_both(chain, tip, axis, np.array(tool))
+    assert check_both(chain, tip, axis, np.array(tool)).shape == (1, 2, 5)
