@@ -25,6 +25,7 @@ from planner.program import LINE_DTYPE, Channel
 Ints = NDArray[np.int64]
 
 _LEAST_DWELL_S = 0.01
+_DEPOSIT = 1  # mode in which the laser may emit
 _POWER_DECIMALS = 2  # of a watt
 
 
@@ -71,10 +72,7 @@ def assemble(tape: Tape, setting: Setting) -> Assembly:
     if setting.dialect.has_splines:
         draft = _splined(draft, words, setting, start, entries)
     if cell.cnc.power_output is not None:
-        for entry in entries:
-            if entry.channel == Channel.LASER_W:
-                draft.add(entry.item, _power_text(cell.cnc.power_output, entry.value))
-        entries = [entry for entry in entries if entry.channel != Channel.LASER_W]
+        entries = _streamed_power(draft, entries, cell.cnc.power_output)
     _remark_operations(draft, setting)
     header = _header(draft, setting, 0.0)
     for text in header:
@@ -111,8 +109,19 @@ def _lines(draft: Draft, words: Words, setting: Setting, start: Floats) -> tuple
     return setting.dialect.write(words, script, setting.cell.cnc.line_length_max)
 
 
-def _power_text(output: int, watts: float) -> str:
-    return f"M67 E{output} Q{decimal(round(watts * 10**_POWER_DECIMALS), _POWER_DECIMALS)}"
+def _streamed_power(draft: Draft, entries: list[Entry], output: int) -> list[Entry]:
+    """The laser's levels said in the text: with the next motion (M67), 0 at once where a mode without laser begins (M68); the other entries."""
+    said = ""
+    for entry in entries:
+        if entry.channel == Channel.LASER_W:
+            value = decimal(round(entry.value * 10**_POWER_DECIMALS), _POWER_DECIMALS)
+            if value != said:
+                draft.add(entry.item, f"M67 E{output} Q{value}")
+            said = value
+        elif entry.channel == Channel.MODE and entry.value != _DEPOSIT:
+            draft.add(entry.item, f"M68 E{output} Q0")
+            said = "0"
+    return [entry for entry in entries if entry.channel != Channel.LASER_W]
 
 
 def _header(draft: Draft, setting: Setting, duration_s: float) -> list[str]:

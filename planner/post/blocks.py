@@ -22,6 +22,7 @@ Bytes = NDArray[np.uint8]
 _NONE, _RAPID, _STRAIGHT, _CLOCKWISE, _COUNTER = 0, 1, 2, 3, 4  # motion that is modal; G0 to G3 but for _NONE
 _COMMENT = re.compile(r"\([^)]*\)")
 _LEAVES_MODES = re.compile(r"G(?!4(?![\d.]))|[XYZABC]")
+_SAME_FEED = 2e-4  # relative: a feed this near to the one that stands is not said again
 _LINE_BYTES = 176  # N, G93, G3, five axes, I, J and F of at most 19 characters each
 ARC_EXTRA_DECIMALS = 1
 """Of I and J beyond X and Y: so that both ends lie on the circle as nearly as their own rounding lets them."""
@@ -73,7 +74,7 @@ def write(words: Words, script: Script, length_max: int) -> tuple[str, ...]:
     buffer = np.empty(_LINE_BYTES * len(motion) + len(blob), dtype=np.uint8)
     size = _text(
         buffer, (blob, ends, _clears(script.commands)), (script.counts, says, letters, words.decimals),
-        (motion, script.by_time, feed, places), (centre, centre_places),
+        (motion, script.by_time, feed, places, feed / 10.0**places), (centre, centre_places),
     )  # fmt: skip
     lines = tuple(buffer[:size].tobytes().decode("ascii").splitlines())
     _check_length(lines, length_max)
@@ -161,16 +162,16 @@ def _text(
     buffer: Bytes,
     own: tuple[Bytes, Ints, Bools],
     axes: tuple[Ints, Bools, Bytes, Ints],
-    how: tuple[Ints, Bools, Ints, Ints],
+    how: tuple[Ints, Bools, Ints, Ints, Floats],
     centres: tuple[Ints, int],
 ) -> int:
     """Fill the buffer with all lines; bytes written."""
     blob, ends, clears = own
     counts, says, letters, decimals = axes
-    motion, by_time, feeds, places = how
+    motion, by_time, feeds, places, rates = how
     centre, centre_places = centres
     at = 0
-    modal, mode, feed, feed_places = _NONE, 0, -1, -1
+    modal, mode, rate = _NONE, 0, 0.0
     for i in range(len(motion)):
         buffer[at] = 78
         at = _put_number(buffer, at + 1, i + 1, 0)
@@ -181,14 +182,14 @@ def _text(
                 buffer[at] = blob[k]
                 at += 1
             if clears[i]:
-                modal, mode, feed = _NONE, 0, -1
+                modal, mode, rate = _NONE, 0, 0.0
             buffer[at] = 10
             at += 1
             continue
         is_feed = motion[i] != _RAPID
         wanted = 93 if by_time[i] else 94
         if is_feed and mode != wanted:
-            mode, feed = wanted, -1
+            mode, rate = wanted, 0.0
             at = _put_code(buffer, at, wanted)
         if motion[i] != modal:
             modal = motion[i]
@@ -202,10 +203,10 @@ def _text(
                 if centre[i, k] != 0:
                     buffer[at] = 73 + k
                     at = _put_number(buffer, at + 1, centre[i, k], centre_places)
-        if is_feed and (by_time[i] or feeds[i] != feed or places[i] != feed_places):
-            feed, feed_places = feeds[i], places[i]
+        if is_feed and (by_time[i] or abs(rates[i] - rate) > _SAME_FEED * rate):
+            rate = rates[i]
             buffer[at] = 70
-            at = _put_number(buffer, at + 1, feed, feed_places)
+            at = _put_number(buffer, at + 1, feeds[i], places[i])
         buffer[at] = 10
         at += 1
     return at

@@ -38,7 +38,7 @@ class Grammar:
     m: frozenset[int]
 
 
-GRBLHAL = Grammar(frozenset(), frozenset({2, 3, 4, 5, 6, 30, 62, 63, 67}))
+GRBLHAL = Grammar(frozenset(), frozenset({2, 3, 4, 5, 6, 30, 62, 63, 67, 68}))
 LINUXCNC = Grammar(frozenset({52, 53, 610, 640}), GRBLHAL.m)
 
 
@@ -121,7 +121,7 @@ def read(program: Program, grammar: Grammar) -> Reading:
     gates = (m == 620) | (m == 630)
     return Reading(
         joints, is_motion, is_motion & (motion == 0), _held(n, m_line[gates], m[gates], 630) == 620, time_s,
-        _held(n, *_whole(tokens.of("T")), 0), _spindle(n, tokens, m_line[m == 50]), _power(n, tokens, m_line[m == 670]),
+        _held(n, *_whole(tokens.of("T")), 0), _spindle(n, tokens, m_line[m == 50]), _power(n, tokens, m_line[(m == 670) | (m == 680)]),
         arcs, splines,
     )  # fmt: skip
 
@@ -272,6 +272,6 @@ def _spindle(n: int, tokens: Tokens, stops: Ints) -> Floats:
 
 
 def _power(n: int, tokens: Tokens, lines: Ints) -> Floats:
-    """(n,) W: what M67 has said last, for the motion behind it; NaN before the first."""
+    """(n,) W: what M67 or M68 has said last, for the motion behind it; NaN before the first."""
     values = _values(n, tokens, "Q")[lines]
     return np.append(np.nan, values)[np.searchsorted(lines, np.arange(n), side="right")]

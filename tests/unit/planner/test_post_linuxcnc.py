@@ -22,6 +22,7 @@ from tests.unit.planner.hand_plan import (
     LASER_W,
     RADIUS_MM,
     UP,
+    cone_operation,
     contour_operation,
     fill_operation,
     hybrid_plan,
@@ -152,3 +153,13 @@ def test_a_change_of_power_within_a_round_pass_cuts_its_nurbs_there() -> None:
     change = next(k for k, line in enumerate(program.lines) if "M67 E0 Q1000" in line)
     assert program.table["arc_start_mm"][change + 1] == pytest.approx(60.0, abs=1e-6)
     assert change - 1 in reading.splines.lines
+
+
+def test_power_is_nought_in_the_stream_before_milling_and_at_the_end() -> None:
+    program = post(plan_of([oval_operation(0), cone_operation(0)]), cell(), dialect="linuxcnc")
+    said = [line.split(" ", 1)[-1] for line in program.lines]
+    change = said.index("M6 T2")
+    assert said[change - 1] == "M68 E0 Q0" and "M68 E0 Q0" in said[-3:]
+    reading = read(program)
+    milled = program.table["operation"] == 1
+    assert np.all(reading.power_w[change:][milled[change:]] == 0.0)
