@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import is_
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,7 @@ from planner.collide.standing import Standing
 from planner.collide.watched import watched
 from planner.errors import PostError
 from planner.kinematics.chain import Chain
-from planner.plan import Operation, Plan
+from planner.plan import Operation, Pass, Plan
 from planner.recipe import parse_recipe
 
 Floats = NDArray[np.float64]
@@ -73,7 +74,8 @@ class Guard:
             self.standing.grow(np.vstack([np.empty((0, 3)), *(wall_points(layer) for layer in plan.layers)]), FINISHED_MM)
         self._least: dict[tuple[str, str], Least] = {}
         self._step = 0
-        self._taken, self._begun = np.empty(0, dtype=np.int64), tuple[int, ...]()
+        self._taken = np.empty(0, dtype=np.int64)
+        self._begun: tuple[tuple[Pass, ...], Tool | None] = ((), None)
 
     def clearance(
         self,
@@ -130,21 +132,25 @@ class Guard:
         """What came nearest to what along all that was noted, the nearest first; what stayed farther than was asked is not there."""
         return tuple(sorted(self._least.values(), key=lambda item: item.mm))
 
-    def begin(self, operation: Operation) -> None:
-        """What an operation is going to cut counts as gone by the pass that cuts it."""
-        passes = tuple(map(id, operation.passes))
-        if passes == self._begun:
+    def begin(self, operation: Operation, tool: Tool | None = None) -> None:
+        """What an operation is going to cut counts as gone by the pass that cuts it.
+
+        tool : the cutter that does it; None: of those that it may be done with the one with the shortest flutes
+        """
+        begun = (operation.passes, tool)
+        if len(begun[0]) == len(self._begun[0]) and tool is self._begun[1] and all(map(is_, begun[0], self._begun[0])):
             return
         self.standing.restore(self._taken)
-        self._taken, self._begun = np.empty(0, dtype=np.int64), passes
+        self._taken, self._begun = np.empty(0, dtype=np.int64), begun
         if operation.process.is_deposit or not self.is_watching:
             return
         poses, numbers = cutter_poses(operation.passes)
-        radius, edge, length = self._cutting_end(operation)
-        self._taken = self.standing.cut(poses, self._step + numbers, radius, edge, length)
+        cutter = self._cutter(operation) if tool is None else tool
+        if cutter is not None:
+            self._taken = self.standing.cut(poses, self._step + numbers, *_cutting_end(cutter))
 
-    def advance(self, operation: Operation) -> None:
-        """Take in what an operation of the plan, as it is posted, has added or cut."""
+    def advance(self, operation: Operation, tool: Tool | None = None) -> None:
+        """Take in what an operation of the plan, as it is posted, has added or cut.  tool : as for `begin`"""
         if not self.is_watching:
             return
         if operation.process.is_deposit:
@@ -154,19 +160,14 @@ class Guard:
             margin = np.append(np.zeros(len(beads)), np.full(len(walls), FINISHED_MM))
             self.standing.grow(np.vstack([beads, walls]), margin)
         else:
-            self.begin(operation)
-        self._taken, self._begun = np.empty(0, dtype=np.int64), ()
+            self.begin(operation, tool)
+        self._taken, self._begun = np.empty(0, dtype=np.int64), ((), None)
         self._step += len(operation.passes)
 
-    def _cutting_end(self, operation: Operation) -> tuple[float, float, float]:
-        """Radius, rounding of the edge and length of the flutes of the cell's cutters that an operation may be done with, mm."""
-        radius = 0.5 * operation.cutter_diameter_mm
-        fit = [tool for tool in self.cell.tools if tool.kind != "deposition" and abs(tool.diameter_mm - 2.0 * radius) < 0.01]
-        if not fit:
-            return radius, 0.0, 2.0 * radius
-        tool = min(fit, key=lambda item: item.flute_length_mm)
-        edge = radius if tool.kind == "ball_mill" else min(tool.corner_radius_mm, radius)
-        return radius, edge, min(tool.flute_length_mm or tool.stickout, tool.stickout)
+    def _cutter(self, operation: Operation) -> Tool | None:
+        """Of the cell's cutters of an operation's diameter the one with the shortest flutes."""
+        fit = [item for item in self.cell.tools if item.kind != "deposition" and abs(item.diameter_mm - operation.cutter_diameter_mm) < 0.01]
+        return min(fit, key=lambda item: item.flute_length_mm, default=None)
 
     def _all_bodies(self) -> list[Body]:
         if self.cell.machine is None:
@@ -190,3 +191,10 @@ class Guard:
             names = (*pairs, *((body.name, PART) for body in bodies))
             self._mountings[key] = _Mounted(Packed.of(bodies), watch, names)
         return self._mountings[key]
+
+
+def _cutting_end(tool: Tool) -> tuple[float, float, float]:
+    """Radius, rounding of the edge and length of a cutter's flutes, mm."""
+    radius = 0.5 * tool.diameter_mm
+    edge = radius if tool.kind == "ball_mill" else min(tool.corner_radius_mm, radius)
+    return radius, edge, min(tool.flute_length_mm or tool.stickout, tool.stickout)

@@ -103,7 +103,7 @@ class Sequencer:
         operation = self.posted[number] = replace(operation, passes=tuple(curve.source for curve in curves))
         is_changed = tool.number != self.tape.tool
         begin, stood = self.tape.count, self.tape.joints
-        self.guard.begin(operation)
+        self.guard.begin(operation, tool)
         if is_changed:
             self._change_tool(tool.number, operation, origin)
         self._spin(operation.spindle_rpm, origin)
@@ -117,7 +117,7 @@ class Sequencer:
             moves.poses.needs_positioning[0] = True
         self._passes(number, operation, curves, moves, tool)
         watch_moves(self.guard, self.tape.since(begin), stood, operation)
-        self.guard.advance(operation)
+        self.guard.advance(operation, tool)
 
     def _passes(
         self, number: int, operation: Operation, curves: list[PassCurve], moves: LinearOperation, tool: Tool
