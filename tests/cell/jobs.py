@@ -52,6 +52,7 @@ class Writer:
             tuple(self.tip),
             (0.0, 0.0, 1.0),
             tuple(self.joints()),
+            0.0,
         )
         self.rows.append(row)
         return n
