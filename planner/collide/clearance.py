@@ -25,11 +25,6 @@ class Clearance:
     places: Floats
     names: tuple[tuple[str, str], ...]
 
-    @property
-    def worst(self) -> int:
-        """The pose with the least clearance; the first of several."""
-        return int(np.argmin(self.mm))
-
     def pair(self, row: int) -> tuple[str, str]:
         """The two that are nearest in a pose; ("", "") where nothing is nearer than asked."""
         return self.names[int(self.pairs[row])] if self.pairs[row] >= 0 else ("", "")
