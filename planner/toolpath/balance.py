@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -24,6 +24,7 @@ _FLAT_MM = 2e-3  # beads are measured along chords that come as near
 _CLEAN_MM = 0.02  # narrower slivers between the outlines of beads are rounding
 _INSCRIBED_MM = 0.01  # to which a void's width is found
 _GRID_MM = 1e-4  # to which outlines of beads are rounded where they are put together
+_OPEN_MM2 = 1.0  # of a layer's top that no other covers: less is the step of a leaning wall
 _PIECE_MM = 2.0  # of bead, by which one that meets itself is told from one that goes on
 _CORE = 0.5  # of the strip that a bead stands for: cores of two beads meet where one lies over the other
 
@@ -190,5 +191,21 @@ def contour_region(layer: Layer, flat: Callable[[Floats], Floats]) -> MultiPolyg
 
 def plan_balance(plan: Plan, settings: Settings) -> list[LayerBalance]:
     """The books of all layers that are equally high and laid upright."""
-    found = (layer_balance(layer, settings) for layer in plan.layers)
-    return [books for books in found if books is not None]
+    found = []
+    for number, layer in enumerate(plan.layers):
+        books = layer_balance(layer, settings)
+        if books is None:
+            continue
+        above = plan.layers[number + 1] if number + 1 < len(plan.layers) else None
+        found.append(replace(books, is_top=_is_top(layer, above, settings)))
+    return found
+
+
+def _is_top(layer: Layer, above: Layer | None, settings: Settings) -> bool:
+    """Whether part of a layer's top is a face that is milled: nothing stands on all of it."""
+    if not settings.is_milled or all(operation.process is not Process.MILL_FACE for operation in layer.operations):
+        return False
+    if above is None or above.subcomponent != layer.subcomponent:
+        return True
+    covered = contour_region(above, lambda points: points[:, :2])
+    return bool(shapely.difference(contour_region(layer, lambda points: points[:, :2]), covered).area > _OPEN_MM2)

@@ -65,14 +65,14 @@ def contour_passes(
             centre = into_corners(centre, bead, settings)
         for ring in curves_from_region(centre, PATH_TOLERANCE_MM):
             loops.append((spread_start(lifted(ring.curve, z), layer + number), number == 0))
-    lit = sum(loop.length + _overlap_mm(loop, bead) for loop, _ in loops)
+    lit = sum(loop.length + overlap_mm(loop, bead) for loop, _ in loops)
     times = 1.0 if area_mm2 is None or not lit else area_mm2 / (lit * bead.step_mm)
     made = scaled_bead(bead, max(times, 1.0) if settings.is_milled else times, settings)
     edge = with_power(made, settings.edge_power, settings)
     return [closed_bead(loop, edge if is_outermost else made, settings, relief=relief) for loop, is_outermost in loops]
 
 
-def _overlap_mm(loop: Motion, bead: Bead) -> float:
+def overlap_mm(loop: Motion, bead: Bead) -> float:
     """By how much a closed bead runs past its start, mm."""
     return min(_OVERLAP * bead.width_mm, 0.2 * loop.length)
 
@@ -99,7 +99,7 @@ def closed_bead(
     """
     facts = settings.material.deposition
     length = loop.length
-    overlap = _overlap_mm(loop, bead)
+    overlap = overlap_mm(loop, bead)
     tail = min(overlap + facts.lead_out_mm, 0.9 * length)
     beads = stretches or [Stretch(0.0, bead)]
     if relief is not None:

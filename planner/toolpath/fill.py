@@ -20,8 +20,6 @@ from planner.toolpath.relief import Relief
 Floats = NDArray[np.float64]
 
 _LEAST_STRIP = 0.25  # of the step, half its width: a track on a narrower strip brings more than twice its metal
-RATHER_MORE = 1.01
-"""Times the metal that a region takes, of parts that are milled: half of what its balance may be off, on the side that a cutter mends."""
 _LEAST_LINE = 0.3  # of the bead's width: shorter tracks are drops; their neighbours cover them
 
 
@@ -142,14 +140,15 @@ def raster_passes(
     bead: Bead,
     settings: Settings,
     relief: Relief | None = None,
+    rather: float = 1.0,
     least_times: float = 0.0,
     evens: bool = True,
 ) -> list[Pass]:
     """Hatch with the metal that a region takes: lines at even distances, the bead of each polygon scaled to them.
 
     region : that tracks stand for, mm   z : of the surface that receives them   relief : of the layer, where it is not
-    equally high everywhere   least_times : the bead's metal that they bring in any case   evens : whether beads are scaled.
-    Every other layer begins at the other end.
+    equally high everywhere   rather : times the metal   least_times : the bead's metal that they bring in any case
+    evens : whether beads are scaled. Every other layer begins at the other end.
     """
     passes: list[Pass] = []
     for polygon in shapely.get_parts(region):
@@ -157,7 +156,7 @@ def raster_passes(
         if not tracks:
             continue
         lit = sum(math.dist(track.start, track.end) for track in tracks)
-        times = polygon.area / (bead.step_mm * lit) * (RATHER_MORE if settings.is_milled else 1.0)
+        times = polygon.area / (bead.step_mm * lit) * rather
         made = scaled_bead(bead, max(times, least_times), settings) if evens else bead
         ends = [(track.start, track.end) for track in tracks]
         if layer % 2:

@@ -9,7 +9,7 @@ from shapely import MultiPolygon, Polygon
 from planner.nurbs.offset import inset
 from planner.plan import Pass
 from planner.process import Bead, Settings
-from planner.toolpath.balance import balance_of, lit_beads, lit_mm
+from planner.toolpath.balance import balance_of, lit_beads, lit_mm, metal_mm3
 from planner.toolpath.contour import contour_passes, edge_mm
 from planner.toolpath.fill import fillable, infill_region, raster_passes
 from planner.toolpath.fitting import scaled_bead
@@ -21,6 +21,9 @@ _EVEN = 0.7  # of the widest place: a strip whose mean width is more is one of e
 _MOST_ACROSS = 1.6  # steps inside the contours: wider regions are hatched, whose turning lines fill the valleys below
 _FEWER = 0.5  # of the tracks: beads beside the outline are chosen where they are at least so few
 _MOST_MORE = 1.4  # of a bead's metal: larger ones would be other beads
+_RATHER_MORE = 1.01  # times the metal of the fill
+_MOST_OFF = 1.018  # times the metal of the whole: a layer's balance may be off by 2 %
+_LEAST_FILL = 0.75  # times the metal of the fill: with less there would be grooves
 _VOID = 0.1  # of the bead's width: the widest gap between beads
 
 
@@ -44,15 +47,16 @@ def part_passes(
     if not settings.is_milled and asked in ("auto", "raster"):
         return _alike(part, z, layer, bead, settings, is_top, relief)
     rings = _contours(alone, usual, z, layer, bead, settings, relief)
+    rather = _rather(alone, usual, rings, bead, settings) if settings.is_milled and relief is None else 1.0
     if asked in ("contour", "spiral") or (asked == "auto" and _is_strip(usual, bead)):
-        fill = ring_passes(usual, z, layer, bead, settings, relief)
+        fill = ring_passes(usual, z, layer, bead, settings, relief, rather)
         if asked != "auto":
             return rings, fill
-        tracks = raster_passes(usual, z, layer, bead, settings, relief)
+        tracks = raster_passes(usual, z, layer, bead, settings, relief, rather)
         if len(fill) <= _FEWER * len(tracks) and _void_beads(alone, [*rings, *fill], bead, settings) <= _VOID:
             return rings, fill
     region = fillable(infill_region(alone, bead, settings, is_top), bead) if is_top else usual
-    return rings, raster_passes(region, z, layer, bead, settings, relief, 1.0 if is_top else 0.0)
+    return rings, raster_passes(region, z, layer, bead, settings, relief, rather, 1.0 if is_top else 0.0)
 
 
 def _alike(
@@ -75,14 +79,20 @@ def _of_one_bead(
 
 
 def ring_passes(
-    region: MultiPolygon, z: float, layer: int, bead: Bead, settings: Settings, relief: Relief | None = None
+    region: MultiPolygon,
+    z: float,
+    layer: int,
+    bead: Bead,
+    settings: Settings,
+    relief: Relief | None = None,
+    rather: float = 1.0,
 ) -> list[Pass]:
-    """Contour-parallel beads with the metal that a region takes; short lines where neither ring nor middle has room."""
+    """Contour-parallel beads with so many times the metal that a region takes; short lines where neither ring nor middle has room."""
     passes: list[Pass] = []
     for polygon in region.geoms:
         strips, over = ring_strips(polygon, z, bead.step_mm)
-        lines = raster_passes(over, z, layer, bead, settings, relief) if not over.is_empty else []
-        passes += strip_passes(strips, polygon.area - (over.area if lines else 0.0), layer, bead, settings, relief)
+        lines = raster_passes(over, z, layer, bead, settings, relief, rather) if not over.is_empty else []
+        passes += strip_passes(strips, rather * (polygon.area - (over.area if lines else 0.0)), layer, bead, settings, relief)
         passes += lines
     return passes
 
@@ -94,6 +104,17 @@ def _contours(
     edge = edge_mm(bead, settings)
     full = inset(alone, edge).area if edge > 0.0 else alone.area
     return contour_passes(alone, z, layer, bead, settings, relief, full - fill.area)
+
+
+def _rather(alone: MultiPolygon, fill: MultiPolygon, rings: list[Pass], bead: Bead, settings: Settings) -> float:
+    """Times the metal that the fill of a milled part brings: rather more, as a cutter takes off what is too much, but with what
+    the contours bring, overlap at their starts included, within what a layer's balance may be off."""
+    if fill.is_empty:
+        return 1.0
+    edge = edge_mm(bead, settings)
+    full = inset(alone, edge).area if edge > 0.0 else alone.area
+    left = _MOST_OFF * full - metal_mm3(rings, settings) / bead.height_mm
+    return float(max(min(_RATHER_MORE, left / fill.area), _LEAST_FILL))
 
 
 def _is_strip(region: MultiPolygon, bead: Bead) -> bool:

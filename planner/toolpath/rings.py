@@ -17,8 +17,7 @@ from planner.nurbs.rings import curves_from_region
 from planner.plan import Pass
 from planner.process import Bead, Settings
 from planner.toolpath.centreline import MiddleLine, thin_parts
-from planner.toolpath.contour import PATH_TOLERANCE_MM, closed_bead, open_bead, spread_start
-from planner.toolpath.fill import RATHER_MORE
+from planner.toolpath.contour import PATH_TOLERANCE_MM, closed_bead, open_bead, overlap_mm, spread_start
 from planner.toolpath.fitting import Stretch, scaled_bead
 from planner.toolpath.motion import UP, Motion, lifted
 from planner.toolpath.relief import Relief
@@ -27,6 +26,7 @@ Floats = NDArray[np.float64]
 
 _ONE_BEAD = 1.5  # of the step: strips up to it take one bead along their middle
 _MOST_LEVELS = 200  # rings inside each other: half a metre of them
+_ROUNDS = 4  # of evening out
 _CHANGE = 0.12  # of the step: a larger change of a strip's width begins another stretch
 _SMOOTH_DEG = 25.0  # sharper turns of a middle line are corners
 
@@ -116,13 +116,30 @@ def strip_passes(
     stood = sum(strip.area_mm2 for strip in strips)
     if stood <= 0.0:
         return []
-    times = area_mm2 / stood / bead.step_mm * (RATHER_MORE if settings.is_milled else 1.0)
+    beads = _beads(strips, area_mm2, bead, settings)
     passes = []
-    for number, strip in enumerate(strips):
-        stretches = [Stretch(at, scaled_bead(bead, times * width, settings, flow_stays=True)) for at, width in strip.widths_mm]
+    for number, (strip, stretches) in enumerate(zip(strips, beads, strict=True)):
         if not strip.closed:
             passes.append(open_bead(strip.motion, bead, settings, stretches, relief))
             continue
         loop = strip.motion if len(stretches) > 1 else spread_start(strip.motion, layer + number)
         passes.append(closed_bead(loop, bead, settings, stretches, relief))
     return passes
+
+
+def _beads(strips: list[Strip], area_mm2: float, bead: Bead, settings: Settings) -> list[list[Stretch]]:
+    """The beads of each strip, with the metal that an area takes in all: where the window has no bead as small or as large as a
+    strip wants, the others make up for it. Within a pass beads differ in speed alone."""
+    times = area_mm2 / sum(strip.area_mm2 for strip in strips) / bead.step_mm
+    found: list[list[Stretch]] = []
+    for _ in range(_ROUNDS):
+        found, brought = [], 0.0
+        for strip in strips:
+            alone = len(strip.widths_mm) == 1
+            made = [Stretch(at, scaled_bead(bead, times * width, settings, flow_stays=not alone)) for at, width in strip.widths_mm]
+            lit = strip.motion.length + (overlap_mm(strip.motion, bead) if strip.closed else 0.0)
+            ends = [*(stretch.at_mm for stretch in made[1:]), lit]
+            brought += sum((end - stretch.at_mm) * stretch.bead.area_mm2 for stretch, end in zip(made, ends, strict=True))
+            found.append(made)
+        times *= area_mm2 * bead.height_mm / brought
+    return found
