@@ -101,7 +101,7 @@ def linearise(
     tolerance = np.array([tip_tolerance_mm, axis_tolerance_deg])
     budget = np.where(turns, _MOVE_SHARE_TURNING, _MOVE_SHARE)[:, None] * tolerance
     tube = tube_about(poses.joints, rows.arc_mm, fixed, per_joint, is_rotary, budget)
-    share = (_MOTION_SHARE if turns.any() else _SAMPLE_SHARE) * tolerance
+    share = tolerance * ([_MOTION_SHARE, _MOTION_SHARE] if turns.any() else [_SAMPLE_SHARE, 0.0])
     sampled = Sampled(rows, tube, budget, solver.chain, solver.tool_tip_mm, float(share[0]), float(share[1]))
     place, joints, errors = _moves(sampled)
     pieces = rows_at(sampled, place, joints)

@@ -11,6 +11,7 @@ from config.cell import Cell
 from planner.kinematics.chain import Floats
 from planner.kinematics.feed import AxisLimits, SpeedProfile, speed_profile
 from planner.kinematics.timing import axis_limited_times
+from planner.post.line_rate import LineRate
 
 Ints = NDArray[np.int64]
 
@@ -59,23 +60,25 @@ class PassTimer:
     """Times of passes for one cell; counts what the control's rate of blocks and the axes changed.
 
     slowed_blocks : moves lengthened to what the control takes per second   limited_blocks : moves whose speed an axis lowered
+    shortest : operation, pass, way in mm and speed over the asked one of the move that the control's rates slowed most; none if none
     limiting : (operation, pass, way begin, way end in mm, 3 * axis + 0 velocity, 1 acceleration, 2 jerk) of the latter
     """
 
     cell: Cell
     slowed_blocks: int = 0
     limited_blocks: int = 0
+    shortest: tuple[int, int, float, float] | None = None
     limiting: list[tuple[int, int, float, float, int]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._limits = AxisLimits.of(self.cell.axes)
-        self._least_s = 1.0 / self.cell.cnc.max_blocks_per_s
+        self._rate = LineRate.of(self.cell)
 
     def rapid(self, joints: Floats, *, turns: bool) -> Floats:
         """(n - 1,) s of a pass that goes as fast as the axes can; turns : it goes by inverse time."""
         steps = np.diff(joints, axis=0)
         times = axis_limited_times(steps, np.zeros(len(steps)), self._limits.velocity)
-        return np.maximum(times, self._least_s) if turns else times
+        return np.maximum(times, self._rate.least_s) if turns else times
 
     def timed(self, way: Way, path: Path, place: tuple[int, int]) -> TimedWay:
         """Times at the asked speed, as far as axes and control follow; place : operation and pass."""
@@ -87,15 +90,26 @@ class PassTimer:
             for stretch in np.flatnonzero(profile.limiting >= 0).tolist():
                 begin, end = float(path.arc_mm[stretch]), float(path.arc_mm[stretch + 1])
                 self.limiting.append((*place, begin, end, int(profile.limiting[stretch])))
-            timed = _cut(way, profile, self._least_s)
+            timed = _cut(way, profile, self._rate.least_s)
             self.limited_blocks += int(
                 np.count_nonzero(timed.time_s > 1.0001 * timed.way.length_mm / timed.way.asked_mm_s)
             )
         steps = np.diff(timed.way.joints, axis=0)
         chords = np.where(timed.way.bulge[:, None] == 0.0, steps, 0.0)
         times = axis_limited_times(chords, timed.time_s, self._limits.velocity)
-        self.slowed_blocks += int(np.count_nonzero(times < self._least_s))
-        return TimedWay(timed.way, np.maximum(times, self._least_s), timed.source)
+        return TimedWay(timed.way, self._taken(timed.way, times, place), timed.source)
+
+    def _taken(self, way: Way, times_s: Floats, place: tuple[int, int]) -> Floats:
+        """(n - 1,) s, lengthened to what the control and its line take."""
+        least = self._rate.least_times(way.joints, way.bulge, times_s)
+        slow = np.flatnonzero(self._rate.slow(times_s, least))
+        if slow.size:
+            self.slowed_blocks += len(slow)
+            share = times_s[slow] / least[slow]
+            k = int(np.argmin(share))
+            if self.shortest is None or share[k] < self.shortest[3]:
+                self.shortest = (*place, float(way.arc_mm[slow[k]]), float(share[k]))
+        return np.maximum(times_s, least)
 
     def _profile(self, way: Way, path: Path) -> SpeedProfile | None:
         """Speed over the pass; None where it is the asked one throughout, or where the tip stands while rotary joints turn."""

@@ -16,6 +16,7 @@ from planner.kinematics.chain import Chain, Floats
 from planner.plan import Plan
 from planner.post.assemble import Assembly, Setting, assemble
 from planner.post.dialect import JOINT_DIALECTS, check_dialect, joint_dialect
+from planner.post.economy import Economy, all_passes, economy
 from planner.post.header import About
 from planner.post.reread import RereadReport, check, verify
 from planner.post.room import check_room, table_from_build
@@ -32,6 +33,7 @@ from planner.recipe import parse_recipe
 class PostReport:
     """What posting did: the text read back against the Plan, and where it had to depart from the Plan's feeds.
 
+    economy : blocks, arcs, bytes per mm and errors by construction per kind of operation, links last
     least : what came nearest to what, up to 2 mm; None: the cell file draws no bodies, nothing was looked for
     """
 
@@ -39,6 +41,7 @@ class PostReport:
     counts: Counts
     speed: SpeedReport
     least: tuple[Least, ...] | None = None
+    economy: tuple[Economy, ...] = ()
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -46,6 +49,8 @@ class PostReport:
         told = [
             f"tip within {self.reread.max_tip_mm:.4f} mm, axis within {self.reread.max_axis_deg:.4f} deg of the plan"
         ]
+        if self.economy:
+            told.append(str(all_passes(self.economy)))
         told += self.speed.lines
         if self.counts.positionings:
             told.append(f"{self.counts.positionings} times lifted and positioned where no link of the plan leads")
@@ -89,7 +94,8 @@ def post_with_report(
     reread = check(program, plan, cell, chain, posted) if language else read_back(program, posted, cell, chain)
     verify(reread, cell)
     least = sequencer.guard.least if sequencer.guard.is_watching else None
-    return program, PostReport(reread, sequencer.counts, speed_report(sequencer, program), least)
+    speed, spent = speed_report(sequencer, program), economy(program, posted, sequencer.counts.built)
+    return program, PostReport(reread, sequencer.counts, speed, least, spent)
 
 
 def _without_arcs(cell: Cell) -> Cell:

@@ -47,7 +47,8 @@ class Slowed:
 @dataclass(frozen=True)
 class SpeedReport:
     """slowed : operations with slow stretches, longest first   slowed_blocks, limited_blocks : moves lengthened for the control's
-    blocks per second, for an axis   process_mm : length of all passes at feed   program_s : predicted, without barriers   waits_s : predicted of all barriers
+    blocks per second, for an axis   process_mm : length of all passes at feed
+    program_s : predicted, without barriers   waits_s : predicted of all barriers
     """
 
     slowed: tuple[Slowed, ...]
@@ -56,6 +57,8 @@ class SpeedReport:
     process_mm: float
     program_s: float
     waits_s: float
+    shortest: tuple[int, int, float, float] | None = None
+    """Operation, pass, way in mm and share of the asked speed of the move that the control's rates slowed most."""
 
     @property
     def total_s(self) -> float:
@@ -73,7 +76,11 @@ class SpeedReport:
                 f"{len(rest)} more operations: {length:.1f} mm slower than asked, at least {100.0 * least:.0f} %"
             )
         if self.slowed_blocks:
-            told.append(f"{self.slowed_blocks} moves slowed to what the controller takes per second (max_blocks_per_s)")
+            text = f"{self.slowed_blocks} moves slowed to what the controller takes per second (max_blocks_per_s, baud)"
+            if self.shortest is not None:
+                operation, index, way, share = self.shortest
+                text += f", most of all pass {index} of operation {operation} at {way:.2f} mm: to {100.0 * share:.0f} %"
+            told.append(text)
         return told
 
 
@@ -94,6 +101,7 @@ def speed_report(sequencer: Sequencer, program: Program) -> SpeedReport:
         total_mm,
         program.duration_s,
         barrier_waits_s(sequencer.tape.entries, sequencer.cell),
+        timer.shortest,
     )
 
 
