@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.kinematics.timing import axis_limited_times, predicted_times
+from planner.kinematics.timing import ARC_TOLERANCE_MM, arc_pieces, axis_limited_times, predicted_times
 
 ACCELERATION = np.array([1000.0, 1000.0, 1000.0, 400.0, 400.0])
 
@@ -54,3 +54,30 @@ def test_no_axis_is_asked_for_more_than_its_velocity() -> None:
     moves = np.array([[1.0, 0.0, 0.0, 45.0, 0.0], [10.0, 0.0, 0.0, 0.0, 0.0]])
     limits = np.array([250.0, 250.0, 200.0, 90.0, 180.0])
     assert axis_limited_times(moves, np.array([0.1, 1.0]), limits).tolist() == [0.5, 1.0]
+
+
+def test_an_output_between_two_moves_does_not_stop_the_machine() -> None:
+    moves = np.vstack([along_x(50.0), np.zeros((1, 5)), along_x(50.0)])
+    assert np.isclose(times_of(moves, [0.5, 0.0, 0.5]).sum(), 1.1)
+
+
+def test_chords_of_an_arc_lie_on_its_circle_within_the_tolerance_and_end_where_it_ends() -> None:
+    radius, sweep = 10.0, np.deg2rad(150.0)
+    end = radius * np.array([np.sin(sweep), 1.0 - np.cos(sweep)])  # from the origin, heading along x, about (0, 10)
+    move = np.array([[*end, 3.0, 0.0, 0.0]])
+    pieces, line = arc_pieces(move, np.array([np.tan(sweep / 4.0)]), (0, 1))
+    places = np.vstack([np.zeros(5), np.cumsum(pieces, axis=0)])
+    assert np.allclose(places[-1], move[0]) and not line.any()
+    assert np.allclose(np.hypot(places[:, 0], places[:, 1] - radius), radius)
+    middle = 0.5 * (places[1:] + places[:-1])
+    assert radius - np.hypot(middle[:, 0], middle[:, 1] - radius).min() <= ARC_TOLERANCE_MM
+    assert np.allclose(np.diff(places[:, 2]), places[1, 2])
+
+
+def test_an_arc_takes_the_time_of_its_way_and_of_starting_and_stopping() -> None:
+    radius, sweep, speed = 20.0, np.pi, 12.0
+    move, way = np.array([[0.0, 2.0 * radius, 0.0, 0.0, 0.0]]), radius * sweep
+    times = predicted_times(
+        move, np.array([way / speed]), np.array([False]), ACCELERATION, bulge=np.array([np.tan(sweep / 4.0)])
+    )
+    assert np.isclose(times.sum(), way / speed + speed / 1000.0, rtol=1e-3)
