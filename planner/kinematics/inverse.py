@@ -15,9 +15,6 @@ Bools = NDArray[np.bool_]
 EXACT_CONE_RAD = 1e-7
 """Half angle of the singular cone for exact work: below it the direction of a unit vector in doubles says nothing about the turn."""
 _REACH_SLACK = 1e-12  # of the squared third coordinate; rounding at the edge of what two tilted rotaries reach
-_EXACT = 1e-12  # of a unit vector's coordinates: more than the closed form leaves away from its double root
-_POLISHES = 8  # Gauss-Newton steps near the double root, where a square root of rounding is what the closed form leaves
-_DAMPING = 1e-14  # of the normal equations: both joints turn the tool the same way where the branches meet
 _SPANS = 1e-9  # of the determinant of the linear joints' directions: below it they do not span space
 
 
@@ -81,51 +78,29 @@ class RotaryAngles:
 def rotary_angles(pair: RotaryPair, axis: Floats, cone_rad: float = EXACT_CONE_RAD) -> RotaryAngles:
     """Angles of the two rotary joints that give the tool axis (n, 3), unit vectors of the table frame.
 
-    Source: Paden-Kahan subproblem 2, Murray, Li & Sastry 3.3.2, for axes at any angle to each other.
+    The spin joint comes first, from the level along the tilt joint, which that one keeps; the tilt follows by subproblem 1. So
+    the digits hold at the pole and where both branches meet, where the usual root of a small difference loses half of them.
+    Source: Paden-Kahan subproblems 1 and 2, Murray, Li & Sastry 3.3.2, for axes at any angle to each other.
     """
-    w1, w2 = pair.first.direction, pair.second.direction
     p, q = pair.sides(axis)
-    across = np.cross(w1, w2)
-    between = float(w1 @ w2)
-    determinant = float(across @ across)
-    along1 = (q @ w1 - between * (p @ w2)) / determinant
-    along2 = (p @ w2 - between * (q @ w1)) / determinant
-    rest = (1.0 - along1**2 - along2**2 - 2.0 * along1 * along2 * between) / determinant
-    plane = along1[:, None] * w1 + along2[:, None] * w2
-    height = np.sqrt(np.maximum(rest, 0.0))[:, None] * across
+    carried, still = (p, q) if pair.spin == 1 else (q, p)
+    spin, tilt = (pair.first, pair.second)[pair.spin].direction, (pair.first, pair.second)[1 - pair.spin].direction
+    along = float(spin @ tilt) * (carried @ spin)
+    level = still @ tilt - along  # what the tilt joint cannot change: spinning has to bring the carried vector there
+    cosine, sine = carried @ tilt - along, np.cross(spin, carried) @ tilt
+    rest = cosine**2 + sine**2 - level**2
+    middle = np.arctan2(sine, cosine)
+    half = np.arctan2(np.sqrt(np.maximum(rest, 0.0)), level)
     angles = np.empty((len(axis), 2, 2))
-    for branch, middle in enumerate((plane + height, plane - height)):
-        turns = np.column_stack([angle_about(w1, middle, q), angle_about(w2, p, middle)])
-        angles[:, branch] = np.array(pair.sense) * _polished(w1, w2, p, q, turns)
-    spin = (pair.first, pair.second)[pair.spin].direction
+    for branch, turn in enumerate((middle - half, middle + half) if pair.spin == 1 else (middle + half, middle - half)):
+        spun = rotated(carried, spin, np.rad2deg(turn))
+        by_tilt = angle_about(tilt, spun, still) if pair.spin == 1 else angle_about(tilt, still, spun)
+        by_spin = np.rad2deg(turn if pair.spin == 1 else -turn)
+        angles[:, branch, pair.spin] = pair.sense[pair.spin] * by_spin
+        angles[:, branch, 1 - pair.spin] = pair.sense[1 - pair.spin] * by_tilt
+    angles -= 360.0 * np.ceil((angles - 180.0) / 360.0)
     off_axis = np.linalg.norm(np.cross(axis, spin), axis=1)
     return RotaryAngles(angles, off_axis < np.sin(cone_rad), rest > -_REACH_SLACK)
-
-
-def _polished(w1: Floats, w2: Floats, p: Floats, q: Floats, turns: Floats) -> Floats:
-    """(n, 2) deg: turns about w1 and w2 for which exp(w1 a) exp(w2 b) p is q to the last digits, from turns near them.
-
-    Where both branches meet the closed form is off by the root of the rounding; Gauss-Newton steps of least length mend that.
-    """
-    solved = np.array(turns)
-    for _ in range(_POLISHES):
-        middle = rotated(p, w2, solved[:, 1])
-        off = q - rotated(middle, w1, solved[:, 0])
-        rows = np.flatnonzero(np.abs(off).max(axis=1, initial=0.0) > _EXACT)
-        if rows.size == 0:
-            break
-        ways = np.stack(
-            [np.cross(w1, q[rows]), rotated(np.cross(w2, middle[rows]), w1, solved[rows, 0])], axis=2
-        )  # (k, 3, 2), per rad
-        normal = np.einsum("kij,kil->kjl", ways, ways) + _DAMPING * np.eye(2)
-        right = np.einsum("kij,ki->kj", ways, off[rows])
-        trial = solved[rows] + np.rad2deg(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
-        left = q[rows] - rotated(rotated(p[rows], w2, trial[:, 1]), w1, trial[:, 0])
-        better = np.abs(left).max(axis=1) < np.abs(off[rows]).max(axis=1)
-        if not better.any():
-            break
-        solved[rows[better]] = trial[better]
-    return np.asarray(solved - 360.0 * np.ceil((solved - 180.0) / 360.0))
 
 
 def tilt_for_spin(pair: RotaryPair, axis: Floats, spin_deg: Floats) -> Floats:

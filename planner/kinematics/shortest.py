@@ -116,8 +116,7 @@ def _cheapest(
     n, m = cost.shape
     k2 = most[1] - fewest[1] + 1
     turns = (most[0] - fewest[0] + 1) * k2
-    back = np.full((n, m * turns), -1, dtype=np.int32)
-    here = np.full(m * turns, np.inf)
+    back, here = np.full((n, m * turns), -1, dtype=np.int32), np.full(m * turns, np.inf)
     stood = facts[0] - 360.0 * fewest  # as an angle on the first turn
     for i in range(n):
         new = np.full(m * turns, np.inf)

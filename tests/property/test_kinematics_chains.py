@@ -22,8 +22,7 @@ def unit(vector: tuple[float, float, float]) -> Floats:
     """The direction of a vector long enough to have one."""
     length = float(np.linalg.norm(vector))
     assume(length > 0.1)
-    direction: Floats = np.array(vector) / length
-    return direction
+    return np.asarray(np.array(vector, dtype=np.float64) / length, dtype=np.float64)
 
 
 @st.composite
