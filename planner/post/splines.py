@@ -31,6 +31,7 @@ _STRAIGHT_SHARE = 0.02  # of the greatest curvature
 _SAMPLES_PER_ROW = 6
 _MAX_ORDER = 6
 _WEIGHT_DECIMALS = 6
+_POLE_BYTES = 18  # at least, of a pole's line: with more poles than that the moves are shorter
 _MOVE_BYTES = 5  # what a move's line has beside its number and its words: N, the new line, X, Y
 
 
@@ -133,7 +134,7 @@ class Splines:
         if points is None:
             return None
         share = _rhythm(points)
-        most = int(budget / (2 * _MOVE_BYTES)) - 3
+        most = budget // _POLE_BYTES - _CUBIC
         spans = 1
         while spans <= most:
             poles = self._fit(points, share * spans, counts[[begin, end]][:, self._xy])
