@@ -20,8 +20,9 @@ from planner.toolpath.ball_band import ball_milled, fillets, steps_of_missed
 from planner.toolpath.bands import Band
 from planner.toolpath.beside import Stands, blocked_mm, blocked_near, passes_beside, polygons
 from planner.toolpath.face import face_passes
+from planner.toolpath.flank import flank_left
 from planner.toolpath.holder import stickout_mm
-from planner.toolpath.left import Left, left_findings
+from planner.toolpath.left import Left, left_by_cutter, left_findings
 from planner.toolpath.motion import Motion, axis_at
 from planner.toolpath.side import (
     PAST_START_MM,
@@ -36,8 +37,7 @@ from planner.toolpath.side import (
 
 __all__ = ["BULGE", "OVERLAP_MM", "Left", "face_operation", "faced", "left_findings", "side_operations"]
 
-BULGE = 0.04
-"""Of the bead's width: how far melt may run out beyond a track's nominal edge."""
+BULGE = 0.04  # of the bead's width: how far melt may run out beyond a track's nominal edge
 OVERLAP_MM = 0.1  # by which a band reaches under its bottom where the same wall goes on there
 _SAME_MM = 1e-6  # levels nearer than this are one
 _CRUMB_MM2 = 0.5  # of a top: smaller places are rims of beads
@@ -126,6 +126,7 @@ def side_operations(
     if stands is not None and _meets(passes, band, stands, settings):
         passes = []
     rest: list[Pass] = []
+    flank = flank_left(band.walls, passes, band.z_bottom, band.z_top, settings) if passes else []
     ball: Milled | None = None
     if not passes:
         note = "upright" if band.kind == "upright" else "stepped"
@@ -142,7 +143,7 @@ def side_operations(
     if ball is not None and ball.passes:
         operations.append(_milled(Process.MILL_SCALLOP, band.last, ball.passes, settings.with_ball_cutter() or settings, "scallop"))
     last = small if rest and small is not None else settings
-    left = _left_by_the_cutter(band, last)
+    left = [*left_by_cutter(band.region, band.z_bottom, band.z_top, last), *flank]
     missed = blocked_mm(band.region, blocked_near(band.region, band.z_bottom, 0.0, last, stands), last)
     if missed > _CLEAR_MM and note != "ruled":
         left.append(Left("beside", band.z_bottom, band.z_top, "", 0, missed * (band.z_top - band.z_bottom)))
@@ -177,7 +178,7 @@ def _upright_passes(
     They reach as deep under the band's bottom as metal may have run down, where the wall goes on there. Where it goes on
     along a part of the outline only, that part has passes of its own, so that no fin stands at the bottom.
     """
-    sunk = _sunk_mm(band, run_down_mm)
+    sunk = run_down_mm if band.kind == "upright" else 0.0
     sunk = min(sunk, band.z_bottom - below[0].z_bottom) if below else 0.0
     passes, is_sunk = _lowered(
         lambda z: passes_beside(band.region, z, excess_mm, settings, stands), band, below, sunk, settings
@@ -232,11 +233,6 @@ def _stepped_passes(band: Band, excess_mm: float, settings: Settings, stands: St
         out = float(shapely.hausdorff_distance(band.region.boundary, region.boundary)) if z > band.z_bottom else 0.0
         passes += passes_beside(region, z, excess_mm + out, settings, stands)
     return passes
-
-
-def _sunk_mm(band: Band, run_down_mm: float) -> float:
-    """How deep under its bottom a band's cutter should reach, mm."""
-    return run_down_mm if band.kind == "upright" else 0.0
 
 
 def _meets(passes: Sequence[Pass], band: Band, stands: Stands, settings: Settings) -> bool:
@@ -351,14 +347,3 @@ def _wall_motions(
                     return motions, not leans_inward(wall)
     flat = ruled_motions(wall, excess_mm, 0.0, 0.0 if band.first == 0 else band.z_bottom, settings, others)
     return flat, band.first == 0 or not leans_inward(wall)
-
-
-def _left_by_the_cutter(band: Band, settings: Settings) -> list[Left]:
-    """What the cutter does not reach in the band's holes, slots and inside corners."""
-    left = unreached(band.region, settings.cutter_radius_mm)
-    height = band.z_top - band.z_bottom
-    return [
-        Left(kind, band.z_bottom, band.z_top, places(area), len(area.geoms), area.area * height)
-        for kind, area in (("closed", left.closed), ("corners", left.corners))
-        if area.geoms
-    ]

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from shapely import MultiPolygon
+
 from planner.process import Settings
+from planner.toolpath.side import places, unreached
 
 
 @dataclass(frozen=True)
 class Left:
     """What side milling leaves in one band.
 
-    kind : "closed", "corners", "beside", "unfaced", "fillets", "cusps" or "none"
-    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm²; of "fillets" how far the ball stays off, mm.
+    kind : "closed", "corners", "beside", "unfaced", "flank", "fillets", "cusps" or "none"
+    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm²; of "flank" and "fillets" how far the cutter is off, mm.
     """
 
     kind: str
@@ -21,6 +24,16 @@ class Left:
     place: str
     count: int
     volume_mm3: float
+
+
+def left_by_cutter(region: MultiPolygon, z_bottom: float, z_top: float, settings: Settings) -> list[Left]:
+    """What an end mill does not reach in a region's holes, slots and inside corners between two heights, mm."""
+    left = unreached(region, settings.cutter_radius_mm)
+    return [
+        Left(kind, z_bottom, z_top, places(area), len(area.geoms), area.area * (z_top - z_bottom))
+        for kind, area in (("closed", left.closed), ("corners", left.corners))
+        if area.geoms
+    ]
 
 
 def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = False) -> list[str]:
@@ -39,6 +52,7 @@ def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = Fals
     words = {
         "closed": f"holes or slots are narrower than the cutter (D {diameter:g} mm) and stay unmilled",
         "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
+        "flank": "the flank on a twisted wall cuts into it",
         "fillets": "inside corners keep the ball's radius "
         f"{0.5 * (settings.recipe.ball_cutter_diameter_mm or 0.0):g} mm",
         "cusps": "the flank cannot follow the wall: it is milled upright in small steps",
@@ -56,6 +70,8 @@ def _left_line(run: list[Left], words: str, by_layer: bool) -> str:
     most = max(item.count for item in run)
     if run[0].kind == "unfaced":
         return f"{height}: {words}: {max(item.volume_mm3 for item in run):.1f} mm² of a top stay as deposited, at {run[-1].place} mm"
+    if run[0].kind == "flank":
+        return f"{height}: {words}: up to {max(item.volume_mm3 for item in run):.3f} mm"
     if run[0].kind == "fillets":
         most_off = max(run, key=lambda item: item.volume_mm3)
         return f"{height}: {words}: the ball stays up to {most_off.volume_mm3:.2f} mm off its place at {most_off.place} mm"

@@ -17,7 +17,8 @@ from planner.slicing.regions import LayerRegion
 from planner.toolpath.axis import DepthAt, ruled_motions
 from planner.toolpath.beside import Stands, blocked_mm, blocked_near
 from planner.toolpath.cut import OVERLAP_MM, Left, side_operations
-from planner.toolpath.side import begun_on_flat, places, side_pass, unreached, upright_passes
+from planner.toolpath.left import left_by_cutter
+from planner.toolpath.side import begun_on_flat, side_pass, upright_passes
 from planner.toolpath.stretches import LEAST_STRETCH_MM, free_passes
 from planner.toolpath.turned_bands import TurnedBand
 
@@ -58,16 +59,10 @@ def turned_side_operations(
         spindle_rpm=settings.spindle_rpm,
         note="ruled",
     )
-    left = unreached(band.region, settings.cutter_radius_mm)
-    height = band.z_top - band.z_bottom
-    found = [
-        Left(kind, band.z_bottom, band.z_top, places(area), len(area.geoms), area.area * height)
-        for kind, area in (("closed", left.closed), ("corners", left.corners))
-        if area.geoms
-    ]
+    found = left_by_cutter(band.region, band.z_bottom, band.z_top, settings)
     kept_off = blocked_mm(band.region, barred, settings)
     if kept_off > LEAST_STRETCH_MM:
-        found.append(Left("beside", band.z_bottom, band.z_top, "", 0, kept_off * height))
+        found.append(Left("beside", band.z_bottom, band.z_top, "", 0, kept_off * (band.z_top - band.z_bottom)))
     return [operation], found
 
 
