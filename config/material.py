@@ -63,7 +63,7 @@ class Deposition(Facts):
     lead_in_mm: NotNegative
     lead_out_mm: NotNegative
     ramp_mm: NotNegative = Field(0.0, le=10.0, description="of bead at its start, and at its end, over which power rises and falls; 0: at once")
-    ramp_power: Fraction = Field(1.0, description="share of the power with which a ramp begins and ends, never below the window's least")
+    ramp_power: Fraction = Field(0.6, description="share of the power with which a ramp begins and ends, never below the window's least; a choice")
     first_layer_power: Positive = Field(1.0, ge=0.5, le=2.0, description="times the power, on the cold substrate")
     edge_power: Positive = Field(1.0, ge=0.5, le=2.0, description="times the power, of the outermost contour")
     max_interpass_k: Positive | None = Field(

@@ -69,6 +69,7 @@ class Settings:
     max_interpass_k: float | None = None
     first_layer_power: float = 1.0
     edge_power: float = 1.0
+    ramp_mm: float = 0.0
     is_on_plate: bool = True
     build_from_part: Rows = WHERE_IT_IS
     build_from_layer: Rows = WHERE_IT_IS
@@ -133,6 +134,7 @@ class Settings:
             max_interpass_k=recipe.max_interpass_k or facts.max_interpass_k,
             first_layer_power=_either(recipe.first_layer_power, facts.first_layer_power),
             edge_power=_either(recipe.edge_power, facts.edge_power),
+            ramp_mm=_either(recipe.ramp_mm, facts.ramp_mm),
         )
 
     def placed(self, build_from_layer: Floats, build_from_part: Floats | None = None) -> Settings:

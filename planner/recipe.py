@@ -90,6 +90,7 @@ class Recipe(Facts):
     interpass_s: NotNegative | None = None
     max_interpass_k: Positive | None = Field(None, description="warmest that part and plate may be when a layer begins, K: layers wait for it")
     first_layer_power: Positive | None = Field(None, ge=0.5, le=2.0, description="times the laser's power, for the layer on the substrate")
+    ramp_mm: NotNegative | None = Field(None, le=10.0, description="of bead at each end, over which the laser's power rises and falls; 0: at once")
     edge_power: Positive | None = Field(None, ge=0.5, le=2.0, description="times the laser's power, for the outermost contour of each region")
     contours: int = Field(1, ge=1, le=20, description="deposited contours per boundary before hatching")
     hatch_angle_deg: Finite = Field(0.0, description="of the first layer, in the build frame")

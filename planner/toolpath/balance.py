@@ -112,7 +112,8 @@ def balance_of(
     region: MultiPolygon, beads: list[LitBead], height_mm: float, settings: Settings, layer: int = 0, is_top: bool = False
 ) -> LayerBalance:
     """The books of a level layer.  region : to be full, mm   height_mm : that its beads make at their step."""
-    if not beads:
+    beads = [bead for bead in beads if bead.area_mm2 > 0.0]
+    if not beads or height_mm <= 0.0 or region.area <= 0.0:
         return LayerBalance(layer, float(region.area), 0.0, 0.0, 1.0, 0.0, is_top)
     lines = shapely.simplify([shapely.LineString(bead.path) for bead in beads], _FLAT_MM)
     widths = np.array([bead.width_mm for bead in beads])

@@ -26,11 +26,11 @@ def ramped(rows: Floats, length_mm: float, settings: Settings) -> Floats:
     """
     facts = settings.material.deposition
     lit = np.flatnonzero(rows[:, 2] > 0.0)
-    if facts.ramp_mm <= 0.0 or facts.ramp_power >= 1.0 or not len(lit):
+    if settings.ramp_mm <= 0.0 or facts.ramp_power >= 1.0 or not len(lit):
         return rows
     start = float(rows[lit[0], 0])
     end = float(rows[lit[-1] + 1, 0]) if lit[-1] + 1 < len(rows) else length_mm
-    ramp = min(facts.ramp_mm, (end - start) / _SHORTEST)
+    ramp = min(settings.ramp_mm, (end - start) / _SHORTEST)
     if ramp < _LEAST_MM:
         return rows
     steps = ramp * np.arange(1, _STEPS + 1) / _STEPS

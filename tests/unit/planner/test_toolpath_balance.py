@@ -133,9 +133,8 @@ def test_islands_cool_while_others_are_built_and_the_way_stays_short() -> None:
 
 
 def test_power_rises_over_the_start_of_a_bead_and_falls_over_its_end_never_below_the_window() -> None:
-    plain = settings_of()
-    facts = plain.material.deposition.model_copy(update={"ramp_mm": 1.0, "ramp_power": 0.6})
-    object.__setattr__(plain, "material", plain.material.model_copy(update={"deposition": facts}))
+    plain = settings_of(ramp_mm=1.0)
+    assert plain.material.deposition.ramp_power == 0.6
     rows = np.array([[0.0, 12.0, 0.0, 12.0, 15.0], [2.0, 12.0, 1200.0, 12.0, 15.0], [22.0, 12.0, 0.0, 12.0, 15.0]])
     made = ramped(rows, 24.0, plain)
     assert np.allclose(made[:, 0], [0.0, 2.0, 2.5, 3.0, 21.0, 21.5, 22.0])
