@@ -31,7 +31,8 @@ def directions(draw: st.DrawFn) -> Floats:
     kind = draw(st.integers(0, 2))
     if kind == 0:
         return unit(draw(vectors))
-    return draw(st.sampled_from(SQUARE if kind == 1 else NUTATING)) * draw(st.sampled_from((-1.0, 1.0)))
+    sign: float = draw(st.sampled_from((-1.0, 1.0)))
+    return np.asarray(sign * draw(st.sampled_from(SQUARE if kind == 1 else NUTATING)), dtype=np.float64)
 
 
 @st.composite
