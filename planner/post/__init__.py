@@ -1,4 +1,8 @@
-"""A Plan for one cell and one placement: G-code lines, line table and process schedule.
+"""A Plan for one cell and one placement: program lines, line table and process schedule.
+
+`posting` calls the stages: `sequence` lays operations on a `tape` (`reaching`: with which tool and poses, nothing hit; `linearise`,
+`arcs`: the moves; `tracking`: levels by the actual speed), `assemble` or `tcp` makes text of it by dialect, a reader of its own reads
+the text back against the Plan as posted. `selftest` is a program of its own, for a touch probe.
 
 The functions load what they need when they are called: whoever only reads Programs does not wait for numba and scipy.
 """
