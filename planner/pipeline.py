@@ -16,6 +16,8 @@ from planner.mesh.mesh import Mesh, mesh_of
 from planner.plan import Layer, Plan
 from planner.process import Settings
 from planner.recipe import Recipe
+from planner.toolpath.balance import plan_balance
+from planner.toolpath.books import books_figures, books_findings
 
 __all__ = ["build_direction", "build_frame", "plan", "recipe_text"]
 
@@ -49,6 +51,7 @@ def plan(
     division, placed = on_plate(divide(body, recipe, settings), recipe)
     made = assemble(division, settings, on_layer, lambda stage, share: say(stage, _DIVIDED + (1.0 - _DIVIDED) * share))
     gouges = _gouges(division, made.layers, body, settings)
+    books = plan_balance(made.layers, settings)
     say("done", 1.0)
     return Plan(
         part_name=part_name,
@@ -60,8 +63,9 @@ def plan(
         build_from_part=division.build_from_part,
         bounds=body.transformed(division.build_from_part).bounds,
         layers=made.layers,
-        findings=(*findings, *found, *division.findings, *placed, *made.findings, *gouges),
+        findings=(*findings, *found, *division.findings, *placed, *made.findings, *books_findings(books, made.layers, settings), *gouges),
         volumes_mm3=made.volumes_mm3,
+        books=books_figures(books) or {},
         subcomponents=made.subcomponents,
         setups=made.setups,
         skeleton=division.skeleton,

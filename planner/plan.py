@@ -232,6 +232,8 @@ class Plan:
     setups: tuple[Setup, ...] = ()
     skeleton: Skeleton | None = None
     candidates: tuple[Candidate, ...] = ()
+    books: dict[str, float] = field(default_factory=dict)
+    """Metal of the level layers, as `planner.toolpath.books.books_figures` has it; empty where there are none."""
 
     @property
     def operations(self) -> list[Operation]:

@@ -171,6 +171,7 @@ def _words(plan: Plan, operations: list[Operation]) -> bytes:
         "tolerance_mm": plan.tolerance_mm,
         "findings": list(plan.findings),
         "volumes_mm3": plan.volumes_mm3,
+        "books": plan.books,
         "notes": [operation.note for operation in operations],
         **pieces.piece_words(plan),
     }
@@ -197,6 +198,7 @@ def plan_from(tables: Mapping[str, Table]) -> Plan:
         layers=tuple(layers),
         findings=tuple(words["findings"]),
         volumes_mm3=words["volumes_mm3"],
+        books=words.get("books", {}),
         subcomponents=pieces.subcomponents_from(tables, words),
         setups=pieces.setups_from(tables, words),
         skeleton=pieces.skeleton_from(tables, words),

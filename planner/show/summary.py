@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 from planner.plan import Layer, Operation, Plan
+from planner.show.books import books_line
 from planner.show.division import division_figures, division_lines
 from planner.show.places import is_level, thickness, tilt_deg
 
@@ -29,6 +30,7 @@ def _figures(plan: Plan) -> dict[str, Any]:
         "build_from_part": plan.build_from_part.tolist(),
         "volumes_mm3": {name: round(value, 3) for name, value in plan.volumes_mm3.items()},
         "findings": list(plan.findings),
+        "books": dict(plan.books),
         "schema": plan.schema,
         **division_figures(plan),
         "layers": [_layer_figures(layer) for layer in plan.layers],
@@ -97,6 +99,7 @@ def text(plan: Plan) -> str:
     lines += [f"! {finding}" for finding in plan.findings[:_MOST_FINDINGS]]
     if len(plan.findings) > _MOST_FINDINGS:
         lines.append(f"! and {len(plan.findings) - _MOST_FINDINGS} more findings (--json lists all)")
+    lines += books_line(plan)
     lines += division_lines(plan)
     hangs = any(layer.overhang_mm2 > 0.0 for layer in plan.layers)
     if not all(is_level(layer) for layer in plan.layers):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,11 +19,10 @@ from planner.slicing.section import plane_frame
 
 Floats = NDArray[np.float64]
 
-_SPACING_MM = 0.25  # of points on curved beads: a chord of 0.25 mm on a radius of 3 mm is 3 um off
-_FLAT_MM = 2e-3  # beads are measured along chords that come as near
+_SPACING_MM = 0.4  # of points on curved beads: a chord of 0.4 mm on a radius of 3 mm is 7 um off
+_FLAT_MM = 4e-3  # beads are measured along chords that come as near
 _CLEAN_MM = 0.02  # narrower slivers between the outlines of beads are rounding
 _INSCRIBED_MM = 0.01  # to which a void's width is found
-_GRID_MM = 1e-4  # to which outlines of beads are rounded where they are put together
 _OPEN_MM2 = 1.0  # of a layer's top that no other covers: less is the step of a leaning wall
 _PIECE_MM = 2.0  # of bead, by which one that meets itself is told from one that goes on
 _CORE = 0.5  # of the strip that a bead stands for: cores of two beads meet where one lies over the other
@@ -120,7 +119,7 @@ def balance_of(
     strips = np.array([bead.area_mm2 for bead in beads]) / height_mm
     lengths = np.array([bead.length_mm for bead in beads])
     usual = float(np.average(widths, weights=lengths))
-    covered = shapely.union_all(shapely.buffer(lines, 0.5 * widths, quad_segs=12), grid_size=_GRID_MM)
+    covered = shapely.union_all(shapely.buffer(lines, 0.5 * widths, quad_segs=8))
     narrow = 0.5 * min(narrowest_mm(settings), usual)
     reachable = outset(inset(region, narrow), narrow)
     void = widest_mm(shapely.difference(reachable, covered))
@@ -134,18 +133,23 @@ def _doubled_mm2(beads: list[LitBead], strips: Floats) -> float:
     cores = shapely.buffer(pieces, 0.5 * _CORE * strips[owner], cap_style="flat", join_style="mitre", mitre_limit=1.5)
     one, other = shapely.STRtree(cores).query(cores, predicate="intersects")
     apart = (one < other) & (other - one > 1)
-    return float(shapely.area(shapely.intersection(cores[one[apart]], cores[other[apart]], grid_size=_GRID_MM)).sum())
+    return float(shapely.area(shapely.intersection(cores[one[apart]], cores[other[apart]])).sum())
 
 
 def _pieces(beads: list[LitBead]) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
     """Short lines of which the beads are made, so that one that meets itself is seen, and whose they are."""
-    lines, owner = [], []
+    points: list[Floats] = []
+    piece: list[NDArray[np.int64]] = []
+    owner: list[int] = []
     for number, bead in enumerate(beads):
         count = max(1, round(bead.length_mm / _PIECE_MM)) if len(bead.path) > 2 else 1
         edges = np.unique(np.linspace(0, len(bead.path) - 1, count + 1).astype(int))
-        lines += [shapely.LineString(bead.path[a : b + 1]) for a, b in itertools.pairwise(edges)]
-        owner += [number] * (len(edges) - 1)
-    return shapely.simplify(np.array(lines, dtype=object), _FLAT_MM), np.array(owner, dtype=np.int64)
+        for a, b in itertools.pairwise(edges.tolist()):
+            points.append(bead.path[a : b + 1])
+            piece.append(np.full(b + 1 - a, len(owner)))
+            owner.append(number)
+    lines = np.asarray(shapely.linestrings(np.concatenate(points), indices=np.concatenate(piece)))
+    return shapely.simplify(lines, _FLAT_MM), np.array(owner, dtype=np.int64)
 
 
 def narrowest_mm(settings: Settings) -> float:
@@ -190,14 +194,15 @@ def contour_region(layer: Layer, flat: Callable[[Floats], Floats]) -> MultiPolyg
     return MultiPolygon([part for part in shapely.get_parts(region) if part.geom_type == "Polygon"])
 
 
-def plan_balance(plan: Plan, settings: Settings) -> list[LayerBalance]:
+def plan_balance(plan: Plan | Sequence[Layer], settings: Settings) -> list[LayerBalance]:
     """The books of all layers that are equally high and laid upright."""
+    layers = plan.layers if isinstance(plan, Plan) else plan
     found = []
-    for number, layer in enumerate(plan.layers):
+    for number, layer in enumerate(layers):
         books = layer_balance(layer, settings)
         if books is None:
             continue
-        above = plan.layers[number + 1] if number + 1 < len(plan.layers) else None
+        above = layers[number + 1] if number + 1 < len(layers) else None
         found.append(replace(books, is_top=_is_top(layer, above, settings)))
     return found
 
