@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from config.cell import Cell, Placement
 from config.macros import VALUES, Macros
 from planner.kinematics.chain import Chain
-from planner.kinematics.timing import predicted_times
 from planner.plan import Operation
 from planner.post import apt, fanuc, heidenhain, read_apt, read_fanuc, read_heidenhain, read_siemens, siemens
 from planner.post.assemble import Assembly
+from planner.post.clock import item_times
 from planner.post.header import About, header_texts
 from planner.post.macros import MacroBook
 from planner.post.reading import Reading, Signals
 from planner.post.reread import RereadReport
-from planner.post.tape import Move, Tape, schedule_of
+from planner.post.tape import Tape, schedule_of
 from planner.post.tcp_build import Builder, Job, frame_of
 from planner.post.tcp_check import compare
 from planner.post.tcp_pass import Frame
@@ -115,14 +115,9 @@ def program_name(part: str) -> str:
 
 
 def tape_times(tape: Tape, cell: Cell) -> Floats:
-    """(items,) s: times of the items as the cell's axes take them, dwells as 0."""
-    items = tape.items()
-    start = np.array([axis.home for axis in cell.axes])
-    steps = np.diff(np.vstack([start, items["joints"]]), axis=0)
-    stops = items["stop"] | np.append(False, items["stop"][:-1])
-    for i in np.flatnonzero(stops & (items["move"] == Move.NONE)).tolist():
-        stops[min(i + 1, len(stops) - 1)] = True
-    return predicted_times(steps, items["time_s"], stops, np.array([axis.max_acceleration for axis in cell.axes]))
+    """(items,) s: times of the items as the cell's axes take them, dwells as 0: those that the levels follow."""
+    waits = np.array(sorted({entry.item for entry in tape.entries if entry.is_barrier}), dtype=np.int64)
+    return item_times(tape.items(), cell, waits)
 
 
 def dwell_times(tape: Tape, times: Floats) -> dict[int, float]:

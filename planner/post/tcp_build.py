@@ -15,6 +15,7 @@ from planner.post.header import operation_text
 from planner.post.pass_curve import PassCurve
 from planner.post.tape import Entry, Move, Tape
 from planner.post.tcp_blocks import BLOCK_DTYPE, Blocks, Command, Say, What, meaning
+from planner.post.tcp_feed import pass_feeds
 from planner.post.tcp_pass import Control, Floats, Frame, Spline, samples, splines, straight
 from planner.program import Channel
 
@@ -73,7 +74,7 @@ class Builder:
         self._entries: dict[int, list[Entry]] = {}
         for entry in job.tape.entries:
             self._entries.setdefault(entry.item, []).append(entry)
-        self._laser_w: float | None = None
+        self._levels: dict[Channel, float] = {}
         self._samples: tuple[PassCurve, Floats] | None = None  # of the pass at hand
         self._machine_moves = 0  # since the tip was moved
         self._was_dark = (
@@ -155,22 +156,17 @@ class Builder:
                 self._schedule(item, self._entries.get(item, []))
                 self._tape_command(item)
             return
-        said = self._said(begin, end, curve)
+        said = self._said(begin, end)
         arcs = np.concatenate([items["arc_start_mm"][moves[:1]], items["arc_end_mm"][moves]])
         first, last = float(arcs[0]), float(arcs[-1])
-        edges = _edges(first, last, np.array([*said, *curve.set_point_arcs.tolist()]))
+        feeds = pass_feeds(items[moves], curve)
+        edges = _edges(first, last, np.concatenate([np.array([*said]), curve.set_point_arcs, feeds.arc_mm]))
         clock = np.concatenate([[0.0], np.cumsum(job.times[moves])])
         joints = np.vstack([self._starts[moves[0]], items["joints"][moves]])
-        emits = operation.process.is_deposit and not curve.source.is_link
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             item = int(moves[np.searchsorted(arcs[1:], start + _SAME_ARC_MM).clip(0, len(moves) - 1)])
-            row = int(np.searchsorted(curve.set_point_arcs, start + _SAME_ARC_MM, side="right")) - 1
-            _, feed, laser_w, _, _ = curve.source.setpoints[row].tolist()
-            if emits and laser_w > 0.0 and laser_w != self._laser_w:
-                self._say(item, Command(Say.LEVEL, laser_w, channel=Channel.LASER_W))
-                self._laser_w = laser_w
             self._flush(said, start + _SHORTEST_MM)
-            blocks = self._stretch(curve, (start, stop), arcs, 60.0 * feed)
+            blocks = self._stretch(curve, (start, stop), arcs, feeds.at(0.5 * (start + stop)))
             self._placed_on_tape(blocks, item, arcs, clock, joints)
         self._flush(said, np.inf)
 
@@ -218,22 +214,17 @@ class Builder:
             blocks["joints"][:, column] = np.interp(ends, arcs, joints[:, column])
         self._parts.append(blocks)
 
-    def _said(self, begin: int, end: int, curve: PassCurve) -> _Said:
-        """What the tape says within a pass, by arc length. Levels that only follow the speed between set-points are left to the control."""
+    def _said(self, begin: int, end: int) -> _Said:
+        """What the tape says within a pass, by arc length."""
         items = self._items
         found: _Said = {}
         arc = float(items["arc_start_mm"][begin + int(np.argmax(items["command"][begin:end] < 0))])
         for item in range(begin, end):
             is_command = items["command"][item] >= 0
-            if not is_command:
-                arc = float(items["arc_start_mm"][item])
+            arc = self._next_arc(item, end) if is_command else float(items["arc_start_mm"][item])
             entries = self._entries.get(item, [])
-            known = float(np.abs(curve.set_point_arcs - arc).min()) <= 1e-3 or item == begin
-            kept = [entry for entry in entries if known or entry.channel in (Channel.MODE, Channel.EMISSION)]
-            if is_command:
-                arc = self._next_arc(item, end)
-            if kept or is_command:
-                found.setdefault(arc, []).append((item, meaning(self._text(item)) if is_command else None, kept))
+            if entries or is_command:
+                found.setdefault(arc, []).append((item, meaning(self._text(item)) if is_command else None, entries))
         return found
 
     def _next_arc(self, item: int, end: int) -> float:
@@ -250,14 +241,16 @@ class Builder:
                     self._say(item, command)
 
     def _schedule(self, item: int, entries: list[Entry]) -> None:
+        """Gate, mode and those levels that are not what they are."""
         for entry in entries:
             if entry.channel == Channel.EMISSION:
                 self._say(item, Command(Say.GATE, entry.value))
             elif entry.channel == Channel.MODE:
                 self._say(item, Command(Say.MODE, entry.value))
-                self._laser_w = None
-            elif entry.channel != Channel.LASER_W:
+                self._levels.clear()
+            elif self._levels.get(entry.channel, 0.0) != entry.value:
                 self._say(item, Command(Say.LEVEL, entry.value, channel=entry.channel))
+                self._levels[entry.channel] = entry.value
 
     def _tape_command(self, item: int) -> None:
         if item in self._job.tape.dwells:

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.cell import Cell
+from config.material import load_material
 from planner.kinematics.chain import Chain
 from planner.plan import Operation, Pass
 from planner.post.linearise import angle_between_deg
 from planner.post.pass_curve import PassCurve
+from planner.post.per_length import is_off, powder_slack_s, power_slack_s
 from planner.post.reading import How, Reading
 from planner.post.reread import RereadReport
 from planner.post.tools import tools_for
-from planner.program import LineKind, Program
+from planner.program import Channel, LineKind, Program
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,6 +27,7 @@ _SHARES = np.array((0.25, 0.5, 0.75, 1.0))
 _PER_SPAN = 8  # places within each span: more than a rational cubic has coefficients
 _SAME_ARC_MM = 1e-6
 _FEED_SLACK = 1e-4  # relative: digits of the feed
+_MEAN_SLACK = 2e-3  # relative: how far the mean speed of a stretch may be above its feed through rounding
 _ROUNDING_MM = 2e-4  # how near positions said twice have to be
 _LEVEL_SLACK = 1e-3
 _MOST_FAULTS = 20
@@ -56,6 +59,8 @@ class _Checker:
         self._matrix[:3, 3] -= self._offset
         self._motions = reading.motions()
         self._worst = _Worst()
+        self._bounds = _bounds(program, posted, cell)
+        self._scheduled = _scheduled(program)
         self._starts, self._start_axes = self._begins()
 
     def report(self) -> RereadReport:
@@ -220,14 +225,18 @@ class _Checker:
         if not item.rapid:
             ratio = motions["feed_mm_min"] / (60.0 * planned[:, 1])
             self._worst.feed_ratio = max(self._worst.feed_ratio, float(np.max(ratio[moves], initial=0.0)))
-            self._fault(motions, moves & (np.abs(ratio - 1.0) > _FEED_SLACK), "the feed is not the plan's")
+            self._fault(motions, moves & (ratio > 1.0 + _FEED_SLACK), "the feed is higher than the plan's")
+            self._lowered(motions, planned[:, 1], starts, ends)
             self._fault(motions, moves & (motions["how"] == How.RAPID), "a pass at feed goes at rapid")
         is_deposit = operation.process.is_deposit
         emits = (planned[:, 2] > 0.0) & (not item.is_link) & is_deposit
         self._fault(motions, moves & ((motions["gate"] > 0.0) != emits), "the laser's gate is not as planned")
-        for column, level in ((2, 0), (3, 1), (4, 3)):
-            wrong = np.abs(motions["levels"][:, level] - planned[:, column]) > _LEVEL_SLACK
-            self._fault(motions, moves & emits & wrong, "laser, powder or gas are not as planned")
+        wrong = np.abs(motions["levels"][:, 3] - planned[:, 4]) > _LEVEL_SLACK
+        self._fault(motions, moves & emits & wrong, "the shield gas is not as planned")
+        if emits.any():
+            off = np.abs(motions["levels"][:, :2] - self._scheduled[motions["first_line"]]).max(axis=1)
+            self._fault(motions, moves & emits & (off > _LEVEL_SLACK), "laser or powder are not as scheduled")
+            self._per_length(group, item, curve)
         self._fault(motions, moves & emits & (motions["mode"] != 1.0), "not in the mode that deposits")
         if not is_deposit:
             self._fault(motions, motions["rpm"] != round(operation.spindle_rpm), "the spindle does not turn as planned")
@@ -239,9 +248,60 @@ class _Checker:
         kind = LineKind.LINK if item.is_link else LineKind.PROCESS
         self._fault(motions, self._program.table["kind"][motions["line"]] != kind, "the line table calls it otherwise")
 
+    def _lowered(self, motions: NDArray[np.void], planned_mm_s: Floats, starts: Floats, ends: Floats) -> None:
+        """A feed below the plan's has to be the speed that the line table predicts, or more, over the stretch for which it holds."""
+        table, feed = self._program.table, motions["feed_mm_min"]
+        time_s = table["time_end_s"][motions["line"]] - table["time_start_s"][motions["first_line"]]
+        first = np.flatnonzero(np.append(True, np.diff(feed) != 0.0))
+        mean = 60.0 * np.add.reduceat(ends - starts, first) / np.maximum(np.add.reduceat(time_s, first), 1e-9)
+        wrong = (feed[first] < 60.0 * planned_mm_s[first] * (1.0 - _FEED_SLACK)) & (
+            mean > (1.0 + _MEAN_SLACK) * feed[first]
+        )
+        self._fault(motions[first], wrong, "the feed is lower than the plan's, and no axis needs it")
+
+    def _per_length(self, group: Ints, item: Pass, curve: PassCurve) -> None:
+        """Laser and powder over time against the plan's over the way, line by line."""
+        motions = self._motions
+        lines = np.arange(motions["first_line"][group[0]], motions["line"][group[-1]] + 1)
+        rows = self._program.table[lines]
+        levels = motions["levels"][group[np.searchsorted(motions["line"][group], lines).clip(0, len(group) - 1)]]
+        row = np.searchsorted(curve.set_point_arcs, rows["arc_start_mm"] + _SAME_ARC_MM, side="right") - 1
+        planned = item.setpoints[row]
+        time_s = rows["time_end_s"] - rows["time_start_s"]
+        share = (rows["arc_end_mm"] - rows["arc_start_mm"]) / np.maximum(time_s * planned[:, 1], 1e-12)
+        emits = planned[:, 2] > 0.0
+        for column, level, floor, slack_s, word in self._bounds:
+            given = np.where(emits, levels[:, level], 0.0)
+            off = is_off(given, np.where(emits, planned[:, column], 0.0), share, time_s, floor, slack_s)
+            for k in np.flatnonzero(off)[:1]:
+                self._worst.note(int(lines[k]), f"{word} per length is not the plan's")
+
     def _fault(self, motions: NDArray[np.void], wrong: NDArray[np.bool_], because: str) -> None:
         for k in np.flatnonzero(wrong)[:1]:
             self._worst.note(int(motions["line"][k]), because)
+
+
+def _scheduled(program: Program) -> Floats:
+    """(lines, 2) W and g/min that the schedule has at each line."""
+    numbers = np.arange(1, len(program.lines) + 1)
+    levels = np.zeros((len(numbers), 2))
+    for column, channel in enumerate((Channel.LASER_W, Channel.POWDER_G_MIN)):
+        rows = program.schedule[program.schedule["channel"] == channel]
+        levels[:, column] = np.append(0.0, rows["value"])[np.searchsorted(rows["n"], numbers, side="right")]
+    return levels
+
+
+def _bounds(
+    program: Program, posted: Mapping[int, Operation], cell: Cell
+) -> tuple[tuple[int, int, float, float, str], ...]:
+    """Column of the set-points, level, least one, slack and word of what is compared per length."""
+    if not any(operation.process.is_deposit for operation in posted.values()):
+        return ()
+    window = load_material(program.material).deposition
+    return (
+        (2, 0, window.laser_w.min, power_slack_s(cell), "laser energy"),
+        (3, 1, window.powder_g_min.min, powder_slack_s(cell), "powder"),
+    )
 
 
 def compare(
