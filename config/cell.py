@@ -115,9 +115,10 @@ class Cnc(Facts):
     answer_timeout_s: Positive = Field(5.0, description="for ok or error, beyond the time of the moves ahead of it")
     status_period_s: Positive = Field(0.1, ge=0.05, description="status query period")
     laser_gate_output: int | None = Field(None, ge=0, le=15, description="digital output (M62/M63 P) that gates the laser; none: gate by Modbus")
-    power_output: int | None = Field(None, ge=0, le=15, description="analogue output (M67 E) that carries the laser's power in the stream; none: by Modbus")
+    power_output: int | None = Field(None, ge=0, le=15, description="analogue output (M67 E) of the laser's power in the stream; none: by Modbus")
     max_blocks_per_s: Positive = Field(400.0, description="what the control takes in, of straight five-axis blocks")
     junction_deviation_mm: Positive = Field(0.01, description="how far a corner may be cut (mm, or deg where rotary axes turn); grblHAL's $11")
+    arc_tolerance_mm: Positive = Field(0.002, description="how far the straight pieces that the control cuts an arc into leave it; grblHAL's $12")
     takes_arcs: bool = Field(True, description="G2 and G3 in the XY plane")
     takes_comments: bool = Field(True, description="text in parentheses; it goes over the wire like any other")
 
@@ -248,7 +249,7 @@ class Cell(Facts):
 
     @property
     def twin_sha256(self) -> str:
-        """Hash (hex) of what a Proof depends on: the simulation, the plate, the machine's shape (files included), the tools and the verdict's limits."""
+        """Hash (hex) of what a Proof depends on: the simulation, the plate, the machine's shape and its files, tools and the verdict's limits."""
         return self._with_files(self.model_dump_json(include={"simulation", "plate", "machine", "proof", "tools"}))
 
     def _with_files(self, text: str) -> str:

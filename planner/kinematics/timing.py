@@ -10,8 +10,6 @@ from planner.kinematics.chain import Floats
 
 JUNCTION_DEVIATION = 0.01
 """mm (or deg where rotary joints move): grblHAL's default of $11, how far a corner may be cut."""
-ARC_TOLERANCE_MM = 0.002
-"""grblHAL's default of $12: how far the straight pieces into which the control cuts an arc leave it."""
 
 
 def axis_limited_times(moves: Floats, times: Floats, max_velocity: Floats) -> Floats:
@@ -30,17 +28,19 @@ def predicted_times(
     deviation: float = JUNCTION_DEVIATION,
     bulge: Floats | None = None,
     plane: tuple[int, int] = (0, 1),
+    arc_tolerance_mm: float = 0.002,
 ) -> Floats:
     """(n,) float, s: time of each block when the machine accelerates, brakes and looks ahead.
 
     moves : (n, 5) float, mm or deg, zero for lines without motion   times : (n,) float, s, nominal (for lines without motion: their own)
     stops : (n,) bool, the machine stands before this line   max_acceleration : (5,) float, mm/s2 or deg/s2
     bulge : (n,) float, tan(sweep / 4) of arcs in the `plane` (two columns), 0: straight; the control cuts them into chords
+    deviation : mm (or deg), how far a corner may be cut   arc_tolerance_mm : how far those chords leave the arc
     Path speed is taken in joint space, mm and degrees alike, as the firmware does; corners by junction deviation.
     Source: grbl 1.1 planner.c (junction deviation, S. Jeon 2011), trapezoids by the kinematic equations.
     """
     if bulge is not None and np.any(bulge != 0.0):
-        pieces, line = arc_pieces(moves, bulge, plane)
+        pieces, line = arc_pieces(moves, bulge, plane, arc_tolerance_mm)
         count = np.bincount(line, minlength=len(moves))
         first = np.append(True, np.diff(line) != 0)
         each = predicted_times(pieces, (times / count)[line], stops[line] & first, max_acceleration, deviation)
@@ -65,7 +65,7 @@ def predicted_times(
 
 
 def arc_pieces(
-    moves: Floats, bulge: Floats, plane: tuple[int, int], tolerance_mm: float = ARC_TOLERANCE_MM
+    moves: Floats, bulge: Floats, plane: tuple[int, int], tolerance_mm: float
 ) -> tuple[Floats, NDArray[np.int64]]:
     """(k, 5) moves with every arc cut into equal chords within the tolerance, and the line of each (k,).
 

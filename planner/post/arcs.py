@@ -18,8 +18,6 @@ from planner.post.tube import Tube, reach
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-FIRMWARE_CHORD_MM = 0.002
-"""How far the control's own chords of an arc lie inside it: default of $12 of grbl and grblHAL."""
 RADIUS_MM = (0.05, 1000.0)
 """Smaller ones are corners; of greater ones the centre's rounding tells more than the bend."""
 TANGENT_RAD = 0.05
@@ -46,16 +44,16 @@ def with_arcs(moves: LinearOperation, cell: Cell) -> LinearOperation:
     columns = (sampled.chain.letters.index("X"), sampled.chain.letters.index("Y"))
     if moves.places is None:
         return moves
-    dropped = np.zeros(0, dtype=np.int64)
+    dropped, chord_mm = np.zeros(0, dtype=np.int64), cell.cnc.arc_tolerance_mm
     while True:
-        laid = _laid(sampled, columns, moves.places, moves.poses.joints, dropped)
+        laid = _laid(sampled, columns, moves.places, moves.poses.joints, dropped, chord_mm)
         if laid is None:
             return moves
         place, joints, bulge = laid
         errors = move_errors(sampled, place, joints, bulge)
         on_arcs = _on_arcs(place, bulge, len(errors))
-        errors[on_arcs, 0] += FIRMWARE_CHORD_MM
-        errors[:, 0] = np.maximum(errors[:, 0], _off_between(sampled, columns, place, joints, bulge))
+        errors[on_arcs, 0] += chord_mm
+        errors[:, 0] = np.maximum(errors[:, 0], _off_between(sampled, columns, place, joints, bulge, chord_mm))
         bad = np.flatnonzero((errors > OVER * sampled.budget).any(axis=1) & on_arcs)
         if bad.size == 0:
             break
@@ -74,7 +72,9 @@ def _on_arcs(place: Floats, bulge: Floats, count: int) -> Bools:
     return np.asarray(bulge[np.searchsorted(place, np.arange(count), side="left")] != 0.0)
 
 
-def _off_between(sampled: Sampled, columns: tuple[int, int], place: Floats, joints: Floats, bulge: Floats) -> Floats:
+def _off_between(
+    sampled: Sampled, columns: tuple[int, int], place: Floats, joints: Floats, bulge: Floats, chord_mm: float
+) -> Floats:
     """(n,) mm: distance of arcs from the pass in the middle between each row and the one before, with what the control's chords add; else 0."""
     way, xy = sampled.rows.arc_mm, sampled.tube.joints[:, columns]
     move = np.searchsorted(place, np.arange(len(way)), side="left")
@@ -87,7 +87,7 @@ def _off_between(sampled: Sampled, columns: tuple[int, int], place: Floats, join
     step, off = xy[rows] - xy[rows - 1], points - xy[rows]
     size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
     result = np.zeros(len(way))
-    result[rows] = np.abs(step[:, 0] * off[:, 1] - step[:, 1] * off[:, 0]) / size + FIRMWARE_CHORD_MM
+    result[rows] = np.abs(step[:, 0] * off[:, 1] - step[:, 1] * off[:, 0]) / size + chord_mm
     return result
 
 
@@ -103,11 +103,11 @@ def _has_square_plane(chain: Chain) -> bool:
 
 
 def _laid(
-    sampled: Sampled, columns: tuple[int, int], places: Floats, vertices: Floats, dropped: Ints
+    sampled: Sampled, columns: tuple[int, int], places: Floats, vertices: Floats, dropped: Ints, chord_mm: float
 ) -> tuple[Floats, Floats, Floats] | None:
     """Places, joints and bulges of all vertices, with arcs in the stretches that they shorten; none if there is no such stretch.
 
-    dropped : rows whose stretch keeps its straight moves
+    dropped : rows whose stretch keeps its straight moves   chord_mm : what the control's own chords of an arc may leave it by
     """
     tube, rows = sampled.tube, sampled.rows
     pins = np.flatnonzero(tube.pinned)
@@ -121,7 +121,7 @@ def _laid(
     for k in np.flatnonzero(wanted).tolist():
         first, last, moves = int(pins[k]), int(pins[k + 1]), int(at[k + 1] - at[k])
         width = float(sampled.budget[first + 1 : last, 0].min())
-        free = width - FIRMWARE_CHORD_MM
+        free = width - chord_mm
         if free < _LEAST_SHARE * width or moves < 2:
             continue
         place, points, bulge = _few_moves(tube, xy, columns, first, last, (free, free / width))

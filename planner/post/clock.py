@@ -39,6 +39,7 @@ def item_times(items: NDArray[np.void], cell: Cell, waits: Ints) -> Floats:
         cell.cnc.junction_deviation_mm,
         items["bulge"],
         columns,
+        cell.cnc.arc_tolerance_mm,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from config import Axis
+from config.cell import Cnc
 from sim.cnc.modal import Offsets
 
 BUSY_WCO_EVERY = 30  # grbl: reports between two that carry WCO:, while busy
@@ -54,11 +55,11 @@ def build_of(firmware: str, letters: str, tools: int, rx_bytes: int, planner_blo
     return Build("grblHAL", rx_bytes, planner_blocks, 256, True, letters, tools)
 
 
-def default_settings(build: Build, axes: Sequence[Axis], rpm_max: float) -> dict[int, float]:
+def default_settings(build: Build, axes: Sequence[Axis], rpm_max: float, cnc: Cnc) -> dict[int, float]:
     """`$$` after flashing: reports, limits and speeds of this machine."""
     settings: dict[int, float] = {
         10: 511 + ALARM_SUBSTATE if build.is_hal else GRBL_MACHINE_POSITION | GRBL_BUFFER,
-        11: 0.01, 12: 0.002, 13: 0, 20: 1, 21: 0, 22: 1, 30: rpm_max, 31: 0, 32: 0,
+        11: cnc.junction_deviation_mm, 12: cnc.arc_tolerance_mm, 13: 0, 20: 1, 21: 0, 22: 1, 30: rpm_max, 31: 0, 32: 0,
     }  # fmt: skip
     for i, axis in enumerate(axes):
         settings[100 + i] = 320.0

@@ -6,7 +6,6 @@ import math
 
 from sim.cnc.codes import ARC_RADIUS, INVALID_TARGET, GcodeError
 
-ARC_TOLERANCE_MM = 0.002  # grbl's default of $12
 RADIUS_ERROR_MM = 0.005  # grbl: largest difference of start and end radius taken without a relative test
 RADIUS_ERROR_LIMIT_MM = 0.5
 ANGLE_EPS = 5e-7  # rad, grbl: start and end on one ray mean a full circle
@@ -31,9 +30,11 @@ def centre_from_radius(x: float, y: float, radius: float, clockwise: bool) -> tu
 
 
 def segments(
-    start: list[float], end: list[float], centre: tuple[float, float], plane: tuple[int, int], clockwise: bool
+    start: list[float], end: list[float], centre: tuple[float, float], plane: tuple[int, int], clockwise: bool, tolerance_mm: float
 ) -> list[list[float]]:
     """Points of the arc about start + centre in `plane` (two axis indices), without the start; other axes go along evenly.
+
+    tolerance_mm : how far the chords between them may leave the arc
 
     Raises GcodeError 33 when the end is not on the circle.
     """
@@ -51,7 +52,7 @@ def segments(
         sweep += 2 * math.pi
     if abs(sweep) > 2 * math.pi + ANGLE_EPS:
         sweep -= math.copysign(2 * math.pi, sweep)
-    step = 2.0 * math.acos(max(1.0 - ARC_TOLERANCE_MM / radius, 0.0))
+    step = 2.0 * math.acos(max(1.0 - tolerance_mm / radius, 0.0))
     count = max(1, math.ceil(abs(sweep) / step))
     points = []
     for k in range(1, count):

@@ -38,12 +38,15 @@ class Firmware:
         self.build = build_of(
             cell.cnc.firmware, letters, len(cell.tools), simulation.rx_bytes, simulation.planner_blocks
         )
-        self.settings = default_settings(self.build, cell.axes, rpm_max)
+        self.settings = default_settings(self.build, cell.axes, rpm_max, cell.cnc)
         start = [axis.home for axis in cell.axes]
         work_offset = [cell.placement.work_offset.get(letter, 0.0) for letter in letters]
         self.interpreter = Interpreter(cell.axes, work_offset, start, rpm_max)
         self.interpreter.tools = frozenset(each.number for each in cell.tools)
-        self.machine = Machine(cell.axes, self.build.planner_blocks, start, self._say_alarm, self._flushed)
+        self.interpreter.arc_tolerance_mm = cell.cnc.arc_tolerance_mm
+        self.machine = Machine(
+            cell.axes, self.build.planner_blocks, start, self._say_alarm, self._flushed, cell.cnc.junction_deviation_mm
+        )
         self.machine.tool = cell.tools[0].number if tool is None else tool
         self.interpreter.modal.tool_selected = self.machine.tool
         self.rx = ReceiveRing(self.build.rx_bytes)

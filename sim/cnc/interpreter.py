@@ -67,6 +67,7 @@ class Interpreter:
         self.modal = Modal()
         self.rpm_max = rpm_max
         self.tools: frozenset[int] = frozenset()
+        self.arc_tolerance_mm = 0.002
 
     def reset(self, position: Sequence[float]) -> None:
         """Defaults after a reset or power-up; G92 is volatile."""
@@ -330,7 +331,7 @@ class Interpreter:
             raise GcodeError(codes.NO_OFFSETS_IN_PLANE)
         if values:
             raise GcodeError(codes.UNUSED_WORDS)
-        return segments(self.position, target, centre, (i, j), clockwise)
+        return segments(self.position, target, centre, (i, j), clockwise, self.arc_tolerance_mm)
 
     def _end(self) -> None:
         modal = self.modal

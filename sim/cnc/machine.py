@@ -43,8 +43,9 @@ class Machine:
         start: Sequence[float],
         say_alarm: Callable[[int], None],
         on_flush: Callable[[], None],
+        junction_deviation_mm: float = 0.01,
     ) -> None:
-        self.motion = Motion(axes, capacity, start)
+        self.motion = Motion(axes, capacity, start, junction_deviation_mm)
         self.home_position = [axis.home for axis in axes]
         self._low = [axis.min - LIMIT_EPS for axis in axes]
         self._high = [axis.max + LIMIT_EPS for axis in axes]

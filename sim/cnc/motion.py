@@ -10,7 +10,6 @@ from config import Axis
 from sim.cnc import lookahead as la
 from sim.cnc.lookahead import Floats
 
-JUNCTION_DEVIATION_MM = 0.01  # grbl's default of $11
 PIECES = 2048  # rows to begin with; grows with the length of a step
 
 
@@ -20,8 +19,8 @@ class Motion:
     `pieces` holds the motion since `begin`: rows of duration, outputs, line, end speed, joints from, joints to.
     """
 
-    def __init__(self, axes: Sequence[Axis], capacity: int, start: Sequence[float]) -> None:
-        self.capacity = capacity
+    def __init__(self, axes: Sequence[Axis], capacity: int, start: Sequence[float], junction_deviation_mm: float = 0.01) -> None:
+        self.capacity, self.junction_deviation_mm = capacity, junction_deviation_mm
         self.n = len(axes)
         self.limits = np.array(
             [[axis.max_velocity, axis.max_acceleration, float(axis.kind == "rotary")] for axis in axes]
@@ -149,7 +148,7 @@ class Motion:
         goal = np.array(target)
         masks = float(self._set_mask), float(self._clear_mask)
         if la.append(
-            self._blocks, self._state, goal, self.limits, JUNCTION_DEVIATION_MM, kind, value, float(line), *masks
+            self._blocks, self._state, goal, self.limits, self.junction_deviation_mm, kind, value, float(line), *masks
         ):
             self._set_mask = self._clear_mask = 0
             self._is_dirty = True

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from planner.kinematics.timing import ARC_TOLERANCE_MM, arc_pieces, axis_limited_times, predicted_times
+from planner.kinematics.timing import arc_pieces, axis_limited_times, predicted_times
 
 ACCELERATION = np.array([1000.0, 1000.0, 1000.0, 400.0, 400.0])
 
@@ -65,12 +66,12 @@ def test_chords_of_an_arc_lie_on_its_circle_within_the_tolerance_and_end_where_i
     radius, sweep = 10.0, np.deg2rad(150.0)
     end = radius * np.array([np.sin(sweep), 1.0 - np.cos(sweep)])  # from the origin, heading along x, about (0, 10)
     move = np.array([[*end, 3.0, 0.0, 0.0]])
-    pieces, line = arc_pieces(move, np.array([np.tan(sweep / 4.0)]), (0, 1))
+    pieces, line = arc_pieces(move, np.array([np.tan(sweep / 4.0)]), (0, 1), 0.003)
     places = np.vstack([np.zeros(5), np.cumsum(pieces, axis=0)])
     assert np.allclose(places[-1], move[0]) and not line.any()
     assert np.allclose(np.hypot(places[:, 0], places[:, 1] - radius), radius)
     middle = 0.5 * (places[1:] + places[:-1])
-    assert radius - np.hypot(middle[:, 0], middle[:, 1] - radius).min() <= ARC_TOLERANCE_MM
+    assert radius - np.hypot(middle[:, 0], middle[:, 1] - radius).min() == pytest.approx(0.003, rel=0.05)
     assert np.allclose(np.diff(places[:, 2]), places[1, 2])
 
 

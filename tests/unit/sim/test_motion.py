@@ -201,7 +201,7 @@ def test_synchronised_outputs_switch_where_their_move_begins() -> None:
 
 
 def test_arc_points_lie_on_the_circle_and_chords_within_tolerance() -> None:
-    around = segments([10.0, 0, 0, 0, 0], [10.0, 0, 5, 0, 0], (-10.0, 0.0), (0, 1), clockwise=False)
+    around = segments([10.0, 0, 0, 0, 0], [10.0, 0, 5, 0, 0], (-10.0, 0.0), (0, 1), clockwise=False, tolerance_mm=0.002)
     path = np.array([[10.0, 0, 0, 0, 0], *around])
     assert np.allclose(np.hypot(path[:, 0], path[:, 1]), 10.0)
     middle = 0.5 * (path[1:, :2] + path[:-1, :2])
@@ -209,6 +209,42 @@ def test_arc_points_lie_on_the_circle_and_chords_within_tolerance() -> None:
     assert path[-1, 2] == 5.0
     angles = np.unwrap(np.arctan2(path[:, 1], path[:, 0]))
     assert angles[-1] - angles[0] == pytest.approx(2 * math.pi)
+
+
+def run_of(cell: Cell, text: str) -> NDArray[np.float64]:
+    """All pieces of motion of some lines in a cell's firmware."""
+    firmware = Firmware(cell)
+    firmware.receive(text.encode())
+    pieces = [np.zeros((0, la.PIECE_COLUMNS))]
+    while not pieces[1:] or firmware.machine.motion.count:
+        firmware.step(0.01)
+        pieces.append(firmware.machine.motion.pieces.copy())
+    return np.concatenate(pieces)
+
+
+def with_cnc(**facts: float) -> Cell:
+    return CELL.model_copy(update={"cnc": CELL.cnc.model_copy(update=facts)})
+
+
+def test_corner_is_passed_at_the_speed_that_the_cell_s_junction_deviation_allows() -> None:
+    slowest = []
+    for deviation_mm in (0.01, 0.04):
+        pieces = run_of(with_cnc(junction_deviation_mm=deviation_mm), "G1 X-20 F6000\nG1 Y-20\n")
+        corner = pieces[np.flatnonzero(np.diff(np.abs(pieces[:, la.TO + 1]) > 1e-9))[0], la.PIECE_SPEED]
+        half_sine = math.sqrt(0.5)
+        acceleration = math.sqrt(2.0) * min(CELL.axis("X").max_acceleration, CELL.axis("Y").max_acceleration)
+        assert corner == pytest.approx(math.sqrt(acceleration * deviation_mm * half_sine / (1.0 - half_sine)), rel=1e-3)
+        slowest.append(corner)
+    assert slowest[1] == pytest.approx(2.0 * slowest[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("tolerance_mm", [0.002, 0.05])
+def test_arc_is_cut_into_chords_by_the_cell_s_arc_tolerance(tolerance_mm: float) -> None:
+    pieces = run_of(with_cnc(arc_tolerance_mm=tolerance_mm), "G1 X-1 F6000\nG3 X-21 Y0 I-10 J0 F600\n")
+    places = pieces[:, la.TO : la.TO + 2]
+    places = places[np.abs(places[:, 1]) > 1e-9]
+    inside = 10.0 - np.hypot(places[:, 0] + 11.0, places[:, 1])
+    assert 0.8 * tolerance_mm < inside.max() <= tolerance_mm + 1e-6
 
 
 @pytest.mark.parametrize("word", ["I-10 J0", "R10"])
