@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 from config.cell import Cell
 from planner.errors import PostError
 from planner.kinematics.chain import Chain
-from planner.plan import Operation
+from planner.plan import Operation, Pass
 from planner.post.header import operation_text
 from planner.post.pass_curve import PassCurve
 from planner.post.tape import Entry, Move, Tape
+from planner.post.tcp_batch import Batch
 from planner.post.tcp_blocks import BLOCK_DTYPE, Blocks, Command, Say, What, meaning
 from planner.post.tcp_feed import pass_feeds
 from planner.post.tcp_pass import Control, Floats, Frame, Spline, samples, splines, straight
@@ -69,7 +71,10 @@ class Builder:
     def __init__(self, job: Job, control: Control) -> None:
         self._job, self._control = job, control
         self._items = job.tape.items()
-        self._parts: list[NDArray[np.void]] = []
+        self._parts: list[tuple[int, NDArray[np.void]]] = []
+        self._serial = 0
+        self._batch = Batch(job.frame, control.degrees)
+        self._runs: list[int] = []  # first items of what belongs together: a pass, or what is between passes
         self._commands: list[Command] = []
         self._entries: dict[int, list[Entry]] = {}
         for entry in job.tape.entries:
@@ -91,7 +96,11 @@ class Builder:
         edges = np.flatnonzero(np.append(True, np.diff(key) != 0))
         self._say(0, Command(Say.BEGIN))
         told = -1
-        for begin, end in zip(edges.tolist(), [*edges[1:].tolist(), len(items)], strict=True):
+        self._runs = edges.tolist()
+        is_said = items["command"] >= 0
+        is_said[list(self._entries)] = True
+        self._said_items = np.flatnonzero(is_said)
+        for begin, end in itertools.pairwise([*self._runs, len(items)]):
             here = int(items["operation"][begin])
             if here >= 0 and here != told:
                 self._announce(begin, here)
@@ -100,7 +109,20 @@ class Builder:
                 self._pass(begin, end)
             else:
                 self._between(begin, end)
-        return Blocks(np.concatenate(self._parts), self._commands)
+        rows, serials = self._batch.blocks()
+        sizes = [len(part) for _, part in self._parts]
+        rows = np.concatenate([rows, *(part for _, part in self._parts)])
+        serials = np.concatenate([serials, np.repeat([serial for serial, _ in self._parts], sizes)])
+        rows = rows[np.argsort(serials, kind="stable")]
+        self._place_on_tape(rows)
+        return Blocks(rows, self._commands)
+
+    def _add(self, rows: NDArray[np.void]) -> None:
+        self._parts.append((self._next_serials(1), rows))
+
+    def _next_serials(self, count: int) -> int:
+        self._serial += count
+        return self._serial - count
 
     def _announce(self, item: int, operation: int) -> None:
         of_operation = self._items["operation"] == operation
@@ -122,7 +144,7 @@ class Builder:
             if is_machine and stands and self._was_dark:
                 lift = block.copy()
                 lift["what"] = What.RAPID
-                self._parts.append(lift)
+                self._add(lift)
                 block["time_s"] = 0.0
             self._was_dark = False
             if is_machine:
@@ -132,7 +154,7 @@ class Builder:
             block["what"] = What.MACHINE if is_machine else What.RAPID if row["move"] == Move.RAPID else What.LINE
             way = float(np.linalg.norm(self._begin[0][item] - self._end[0][item])) if stands else float(row["way"])
             block["feed_mm_min"] = 60.0 * way / max(float(row["time_s"]), 1e-9)
-            self._parts.append(block)
+            self._add(block)
 
     def _named(self, item: int) -> int:
         """Axes of a machine move: those that move, for the tool lifts straight off; all of them from the second move on, to know every axis."""
@@ -145,11 +167,11 @@ class Builder:
         return told
 
     def _pass(self, begin: int, end: int) -> None:
-        """The blocks of one pass, cut where set-points change or something is said."""
+        """The blocks of one pass, cut where set-points or the feed change or something is said."""
         items, job = self._items, self._job
         number, index = int(items["operation"][begin]), int(items["pass_"][begin])
         operation = job.posted[number]
-        curve = PassCurve(operation.passes[index], job.frame.matrix, f"pass {index} of operation {number}")
+        source = operation.passes[index]
         moves = begin + np.flatnonzero(items["command"][begin:end] < 0)
         if moves.size == 0:
             for item in range(begin, end):
@@ -157,18 +179,39 @@ class Builder:
                 self._tape_command(item)
             return
         said = self._said(begin, end)
-        arcs = np.concatenate([items["arc_start_mm"][moves[:1]], items["arc_end_mm"][moves]])
-        first, last = float(arcs[0]), float(arcs[-1])
-        feeds = pass_feeds(items[moves], curve)
-        edges = _edges(first, last, np.concatenate([np.array([*said]), curve.set_point_arcs, feeds.arc_mm]))
-        clock = np.concatenate([[0.0], np.cumsum(job.times[moves])])
-        joints = np.vstack([self._starts[moves[0]], items["joints"][moves]])
-        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            item = int(moves[np.searchsorted(arcs[1:], start + _SAME_ARC_MM).clip(0, len(moves) - 1)])
-            self._flush(said, start + _SHORTEST_MM)
-            blocks = self._stretch(curve, (start, stop), arcs, feeds.at(0.5 * (start + stop)))
-            self._placed_on_tape(blocks, item, arcs, clock, joints)
-        self._flush(said, np.inf)
+        first, last = float(items["arc_start_mm"][moves[0]]), float(items["arc_end_mm"][moves[-1]])
+        feeds = pass_feeds(items[moves], source)
+        edges = _edges(first, last, [*said, *source.setpoints[:, 0].tolist(), *feeds.arc_mm.tolist()])
+        of_stretch = feeds.at(0.5 * (edges[1:] + edges[:-1]))
+        if self._batch.takes(source):
+            parts: list[NDArray[np.void]] = []
+        else:
+            curve = PassCurve(source, job.frame.matrix, f"pass {index} of operation {number}")
+            own = np.append(first, items["arc_end_mm"][moves])
+            stretches = zip(itertools.pairwise(edges.tolist()), of_stretch.tolist(), strict=True)
+            parts = [self._stretch(curve, stretch, own, feed) for stretch, feed in stretches]
+        self._was_dark, self._machine_moves = False, 0
+        self._in_order(said, edges, int(moves[0]), source, of_stretch, parts)
+
+    def _in_order(
+        self, said: _Said, edges: Floats, item: int, source: Pass, feeds: Floats, parts: list[NDArray[np.void]]
+    ) -> None:
+        """What is said within a pass between its stretches; parts : their blocks, none: they are made with those of other passes."""
+        begin = 0
+        count = len(edges) - 1
+        for k in range(count + 1):
+            is_said = k == count or any(at <= edges[k] + _SHORTEST_MM for at in said)
+            if is_said and k > begin:
+                serial = self._next_serials(k - begin)
+                if parts:
+                    for rows in parts[begin:k]:
+                        rows["item"] = item
+                    self._parts.append((serial, np.concatenate(parts[begin:k])))
+                else:
+                    self._batch.add(serial, item, source, edges[begin : k + 1], feeds[begin:k])
+                begin = k
+            if is_said:
+                self._flush(said, np.inf if k == count else float(edges[k]) + _SHORTEST_MM)
 
     def _stretch(self, curve: PassCurve, arcs: tuple[float, float], tape_arcs: Floats, feed: float) -> NDArray[np.void]:
         """Blocks of the pass between two arc lengths; tape_arcs : ends of the tape's own moves."""
@@ -202,24 +245,40 @@ class Builder:
             self._samples = (curve, samples(curve, self._job.cell.chord_tolerance_mm))
         return self._samples[1]
 
-    def _placed_on_tape(self, blocks: NDArray[np.void], item: int, arcs: Floats, clock: Floats, joints: Floats) -> None:
-        source = self._items[item]
+    def _place_on_tape(self, rows: NDArray[np.void]) -> None:
+        """What each row belongs to; of rows of passes also time and joints, by the arc length that the tape's moves have reached."""
+        items, runs = self._items, np.array(self._runs)
+        source = items[rows["item"]]
         for name in ("kind", "layer", "operation", "pass_", "tool"):
-            blocks[name] = source[name]
-        blocks["command"], blocks["item"] = -1, item
-        self._was_dark, self._machine_moves = False, 0
-        ends = blocks["arc_end_mm"]
-        blocks["time_s"] = np.interp(ends, arcs, clock) - np.interp(blocks["arc_start_mm"], arcs, clock)
+            rows[name] = source[name]
+        follows = (rows["what"] >= What.RAPID) & (rows["pass_"] >= 0)
+        rows["command"][follows] = -1
+        moves = np.flatnonzero((items["pass_"] >= 0) & (items["command"] < 0))
+        if moves.size == 0 or not follows.any():
+            return
+        far = 1.0 + float(items["arc_end_mm"][moves].max())
+        run = np.searchsorted(runs, moves, side="right")
+        is_first = np.append(True, np.diff(run) != 0)
+        clock = np.cumsum(np.where(items["command"] < 0, self._job.times, 0.0))
+        before = moves[is_first]
+        at = np.concatenate(
+            [far * run[is_first] + items["arc_start_mm"][before], far * run + items["arc_end_mm"][moves]]
+        )
+        order = np.argsort(at, kind="stable")
+        at = at[order]
+        joints = np.vstack([self._starts[before], items["joints"][moves]])[order]
+        reached = np.concatenate([clock[before] - self._job.times[before], clock[moves]])[order]
+        mine = np.searchsorted(runs, rows["item"][follows], side="right") * far
+        ends, starts = mine + rows["arc_end_mm"][follows], mine + rows["arc_start_mm"][follows]
+        rows["time_s"][follows] = np.interp(ends, at, reached) - np.interp(starts, at, reached)
         for column in range(joints.shape[1]):
-            blocks["joints"][:, column] = np.interp(ends, arcs, joints[:, column])
-        self._parts.append(blocks)
+            rows["joints"][follows, column] = np.interp(ends, at, joints[:, column])
 
     def _said(self, begin: int, end: int) -> _Said:
         """What the tape says within a pass, by arc length."""
         items = self._items
         found: _Said = {}
-        arc = float(items["arc_start_mm"][begin + int(np.argmax(items["command"][begin:end] < 0))])
-        for item in range(begin, end):
+        for item in self._said_items[slice(*np.searchsorted(self._said_items, (begin, end)))].tolist():
             is_command = items["command"][item] >= 0
             arc = self._next_arc(item, end) if is_command else float(items["arc_start_mm"][item])
             entries = self._entries.get(item, [])
@@ -274,7 +333,7 @@ class Builder:
             row["arc_end_mm"] = row["arc_start_mm"]
         self._was_dark = self._was_dark or (command.say == Say.GATE and command.value == 0.0)
         self._commands.append(command)
-        self._parts.append(row)
+        self._add(row)
 
     def _row(self, item: int) -> NDArray[np.void]:
         source, row = self._items[item], np.zeros(1, BLOCK_DTYPE)
@@ -296,10 +355,10 @@ class Builder:
         return tips - (job.placed[:3, 3] - job.frame.shift), axes
 
 
-def _edges(first: float, last: float, cuts: Floats) -> Floats:
+def _edges(first: float, last: float, cuts: list[float]) -> Floats:
     """Arc lengths at which a pass is cut, both ends included; none nearer to the one before, or to the end, than the shortest stretch."""
     found = [first]
-    for arc in np.unique(cuts).tolist():
+    for arc in sorted(cuts):
         if found[-1] + _SHORTEST_MM < arc < last - _SHORTEST_MM:
             found.append(arc)
     return np.array([*found, last])
