@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from planner.kinematics.chain import Chain, Floats
-from planner.kinematics.inverse import RotaryPair, rotary_angles
+from planner.kinematics.inverse import RotaryPair, rotary_angles, tilt_for_spin
+
+_STEP_DEG = 5.0
 
 
 def rotary_travel_deg(chain: Chain, joints: Floats) -> float:
@@ -14,19 +16,36 @@ def rotary_travel_deg(chain: Chain, joints: Floats) -> float:
     return float(np.abs(np.diff(joints[:, columns], axis=0)).sum())
 
 
+def dense_axes(chain: Chain, joints: Floats, step_deg: float = _STEP_DEG) -> Floats:
+    """(m, 3) float, unit vectors, table frame: the tool axis along straight joint moves (n, 5), rotary joints by a step at a time at most.
+
+    One move may turn the tool by more than half a turn: which way it went is told by the places in between alone.
+    """
+    columns = [joint.column for joint in chain.rotary]
+    turn = np.abs(np.diff(joints[:, columns], axis=0)).max(axis=1)
+    pieces = np.maximum(np.ceil(turn / step_deg), 1.0).astype(np.int64)
+    move = np.repeat(np.arange(len(pieces)), pieces)
+    share = (np.arange(len(move)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 1.0) / pieces[move]
+    between = joints[move] + share[:, None] * (joints[move + 1] - joints[move])
+    return chain.forward(np.vstack([joints[:1], between]), np.zeros(3))[1]
+
+
 def pointwise_joints(chain: Chain, axes: Floats, start: Floats) -> Floats:
     """(n, 5) float: rotary joints of the branch nearest to the row before, row by row; linear columns stay as at the start.
 
     axes : (n, 3) float, unit vectors, table frame   start : (5,) float, joints before the first row
-    Each joint goes the nearer way round; there is no looking ahead, no travel and no singular cone: what a control's own
-    inverse does with one block after the other.
+    Each joint goes the nearer way round, and the spin joint stands where the axis leaves it free; there is no looking ahead, no
+    travel and no singular cone: what a control's own inverse does with one block after the other.
     """
     pair = RotaryPair.of(chain)
-    columns = list(pair.columns)
-    angles = rotary_angles(pair, axes).angles
+    columns, spin = list(pair.columns), pair.spin
+    found = rotary_angles(pair, axes)
     joints = np.tile(np.asarray(start, dtype=np.float64), (len(axes), 1))
     here = np.asarray(start, dtype=np.float64)[columns]
-    for row, both in enumerate(angles):
+    for row, both in enumerate(found.angles):
+        if found.is_free[row]:
+            both = np.tile(here, (2, 1))
+            both[:, 1 - spin] = tilt_for_spin(pair, axes[row : row + 1], here[spin : spin + 1])
         near = both + 360.0 * np.round((here - both) / 360.0)
         here = near[int(np.argmin(np.abs(near - here).sum(axis=1)))]
         joints[row, columns] = here

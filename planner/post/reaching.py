@@ -20,6 +20,7 @@ from planner.post.linearise import LinearOperation, linearise
 from planner.post.pass_curve import PassCurve
 from planner.post.pole_pass import is_too_fast, led_round, rotary_load
 from planner.post.poses import PoseSolver
+from planner.post.smooth_pass import rotary_share, smoothed
 from planner.post.tools import tools_for
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ _QUARTERS, _BETTER_MM = 3, 0.05  # turns after which it is asked whether turning
 _MARGINS_MM = (0.5, 1.5)
 """Clearances that leaning keeps at its stations; the greater one where a spline between them came too near."""
 _BALL_CONE_DEG = 30.0  # of a ball cutter: its flutes' ball still cuts
+_BETTER_SHARE = 0.03  # of the asked speed: what evening has to bring to be worth it
 _LEAST_GAIN = 0.9  # of the rotary load: what leading round the pole has to bring to be worth it
 
 
@@ -98,7 +100,7 @@ class _Work:
 
     def tries(self, curves: Sequence[PassCurve]) -> Iterator[_Try]:
         """One way after the other; each is asked for only where those before it are blocked."""
-        first = self._past_the_pole(self._tried(curves, self._solver))
+        first = self._evened(self._past_the_pole(self._tried(curves, self._solver)))
         yield first
         best = first
         for other in self._turned(curves, first):
@@ -137,6 +139,30 @@ class _Work:
             f"{100.0 * less.max():.0f} % now"
         )
         return _Try(led.reached, led.blocked, told)
+
+    def _evened(self, first: _Try) -> _Try:
+        """The same, or with axes evened along the passes where a rotary joint would slow them and the process may lean."""
+        curves, cone_deg = first.reached.curves, self._bounds(0.0).cone_deg
+        share = rotary_share(curves, first.reached.moves, self._solver)
+        if cone_deg <= 0.0 or not share.short.any():
+            return first
+        even = smoothed(curves, share.short, first.reached.moves, self._solver, self._guard.placed, self._tool, cone_deg)
+        try:
+            tried = self._tried(even, self._solver)
+        except ReachError:
+            return first
+        after = rotary_share(even, tried.reached.moves, self._solver)
+        better = after.held > share.held + _BETTER_SHARE
+        if not better.any() or (first.blocked.is_clear and not tried.blocked.is_clear):
+            return first
+        if not better[[new is not old for new, old in zip(even, curves, strict=True)]].all():
+            even = [new if better[k] else old for k, (new, old) in enumerate(zip(even, curves, strict=True))]
+            tried = self._tried(even, self._solver)
+        told = (
+            f"{int(better.sum())} passes with the axis evened by up to {_lean(curves, even):.2f} deg: rotary joints hold "
+            f"{100.0 * share.held[better].min():.0f} % of the asked speed in the worst before, {100.0 * after.held[better].min():.0f} % now"
+        )
+        return _Try(tried.reached, tried.blocked, "; ".join(text for text in (first.told, told) if text))
 
     def _turned(self, curves: Sequence[PassCurve], first: _Try) -> Iterator[_Try]:
         """The part turned about an upright tool; each branch by itself."""
