@@ -99,7 +99,7 @@ def _turns_of(lattice: Lattice) -> int:
     """Whole turns that the first possible candidates wind through, and one more."""
     first = np.argmin(lattice.cost, axis=1)
     angles = lattice.angles[np.arange(len(first)), first]
-    steps = np.diff(angles, axis=0)
+    steps = np.diff(angles, axis=0, prepend=angles[:1])
     wound = np.cumsum(steps - 360.0 * np.round(steps / 360.0), axis=0)
     return 1 + int(np.ceil(np.ptp(wound, axis=0).max(initial=0.0) / 360.0))
 

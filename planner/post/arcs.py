@@ -165,8 +165,9 @@ def _few_moves(
         low = high / count
         for _ in range(_EVENINGS):
             longest = 0.5 * (low + high)
-            if _stretch(tube, xy, columns, first, last, free, longest, count, places, points, bulges) <= count:
-                high = longest
+            even = _stretch(tube, xy, columns, first, last, free, longest, count, places, points, bulges)
+            if even <= count:
+                high, count = longest, even
                 best = places[:count].copy(), points[:count].copy(), bulges[:count].copy()
             else:
                 low = longest

@@ -296,8 +296,9 @@ def _straight_moves(tube: Tube, pinned: Bools) -> tuple[Floats, Floats, int]:
             low, high = _EVEN_LEAST, 1.0
             for _ in range(_EVENINGS):
                 width = 0.5 * (low + high)
-                if _stretch(tube, first, last, width, moves, trial_places, trial) <= moves:
-                    high = width
+                narrow = _stretch(tube, first, last, width, moves, trial_places, trial)
+                if narrow <= moves:
+                    high, moves = width, narrow
                     places[count : count + moves] = trial_places[:moves]
                     vertices[count : count + moves] = trial[:moves]
                 else:

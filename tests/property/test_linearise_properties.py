@@ -20,7 +20,7 @@ from planner.post.arcs import with_arcs
 from planner.post.linearise import LinearOperation, linearise
 from planner.post.pass_curve import PassCurve
 from planner.post.poses import PoseSolver
-from planner.post.tube import straight_moves, tube_about
+from planner.post.tube import Tube, straight_moves, tube_about
 
 Floats = NDArray[np.float64]
 
@@ -165,16 +165,33 @@ def test_straight_moves_are_hardly_more_than_the_fewest_of_a_dynamic_programme(s
     turn = np.cumsum(np.convolve(draw.normal(0.0, 0.045, 150), np.ones(12) / 4.0, mode="same"))
     path = np.concatenate([[[0.0, 0.0]], np.cumsum(0.1 * np.column_stack([np.cos(turn), np.sin(turn)]), axis=0)])
     best = fewest(path, tolerance, np.linspace(-tolerance, tolerance, 5))
-    joints = np.column_stack([path, np.zeros((len(path), 3))])
+    tube, pinned = free_tube(np.column_stack([path, np.zeros(len(path))]), tolerance)
+    count = len(straight_moves(tube, pinned)[0]) - 1
+    assert count <= 1.05 * best + 1
+
+
+def free_tube(path: Floats, tolerance_mm: float) -> tuple[Tube, NDArray[np.bool_]]:
+    """The tube about a path of the linear joints (n, 3), and its pinned ends."""
+    joints = np.column_stack([path, np.zeros((len(path), 2))])
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     pinned = np.zeros(len(path), dtype=np.bool_)
     pinned[[0, -1]] = True
     per_joint = np.zeros((len(path), 6, 5))
     per_joint[:, [0, 1, 2], [0, 1, 2]] = 1.0
     rotary = np.array([False, False, False, True, True])
-    tube = tube_about(joints, way, pinned, per_joint, rotary, np.tile([tolerance, 1.0], (len(path), 1)))
-    count = len(straight_moves(tube, pinned)[0]) - 1
-    assert count <= 1.05 * best + 1
+    budget = np.tile([tolerance_mm, 1.0], (len(path), 1))
+    return tube_about(joints, way, pinned, per_joint, rotary, budget), pinned
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_moves_never_go_back_along_a_rough_path(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    rows = int(draw.integers(12, 60))
+    rough = 0.02 * draw.standard_normal((rows, 2)).cumsum(axis=0) * draw.uniform(0.1, 1.0, 2)
+    tube, pinned = free_tube(np.column_stack([np.linspace(0.0, 10.0, rows), rough]), 0.03)
+    place, joints = straight_moves(tube, pinned)
+    assert np.all(np.diff(place) > 0.0) and place[-1] == rows - 1
+    assert np.array_equal(joints[-1], tube.joints[-1])
 
 
 def test_a_circle_takes_half_the_moves_squared_of_one_with_its_vertices_on_it() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,14 @@ def test_a_branch_outside_the_travel_is_left_for_the_other_one() -> None:
     angles = np.array([[[10.0, 0.0], [-10.0, 180.0]]] * 3)
     way = shortest_way(lattice(angles), NONE, np.array([-110.0, -400.0]), np.array([5.0, 400.0]), SPEED)
     assert way.chosen.tolist() == [1, 1, 1]
+
+
+def test_one_pose_that_no_candidate_has_is_told_as_such() -> None:
+    single = lattice(np.array([[[10.0, 0.0], [-10.0, 180.0]]]))
+    nowhere = replace(single, cost=np.full((1, 2), np.inf))
+    assert not np.isfinite(shortest_way(nowhere, NONE, LOW, HIGH, SPEED).cost)
+    outside = shortest_way(single, NONE, np.array([20.0, -400.0]), np.array([30.0, 400.0]), SPEED)
+    assert not outside.inside
 
 
 def test_the_choice_looks_ahead_to_the_end_of_the_operation() -> None:
