@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from config import Cell
 from sim import job as facts
 from sim.job import Job
+from sim.report.bends import Bends
 from sim.report.chart import number
 from sim.report.closeup import HALF_MM, HALF_OF_BODIES_MM, Mesh, closeup
 from sim.report.markup import Node, table, tag
@@ -93,7 +94,8 @@ def section(proof: Proof, program: Job, cell: Cell) -> list[Node]:
     seen = [(index, finding, place_of(finding, program)) for index, finding in enumerate(ranked, 1)]
     placed = [(index, finding, at) for index, finding, at in seen if at is not None]
     scene = Scene(program, cell) if placed and proof.built is not None else None
-    pictures = [_place(index, finding, at, proof, program, scene) for index, finding, at in placed[:PICTURES_MAX]]
+    bends = Bends(program, cell)
+    pictures = [_place(index, finding, at, proof, program, bends, scene) for index, finding, at in placed[:PICTURES_MAX]]
     return [
         tag("h2", f"Findings ({len(ranked)})"),
         table(names, rows, "findings"),
@@ -114,12 +116,14 @@ def _intro(places: int, tolerance_mm: float) -> list[Node]:
     return [tag("p", words + only, class_="soft")]
 
 
-def _place(index: int, finding: Finding, at: Array, proof: Proof, program: Job, scene: Scene | None) -> Node:
+def _place(
+    index: int, finding: Finding, at: Array, proof: Proof, program: Job, bends: Bends, scene: Scene | None
+) -> Node:
     """Close-up and text of one place."""
     title = f"{index}. {finding.kind}: {unbroken(where(finding, program))}"
     picture = None
     if proof.built is not None:
-        before, here, after = _paths(program, finding.line)
+        before, here, after = _paths(program, bends, finding.line)
         mesh: Mesh = proof.built
         stand = scene.at(finding) if scene is not None and finding.kind in OF_BODIES else None
         half_mm = HALF_OF_BODIES_MM if stand is not None and finding.kind in WIDE_VIEW else HALF_MM
@@ -127,14 +131,14 @@ def _place(index: int, finding: Finding, at: Array, proof: Proof, program: Job, 
     return tag("figure", tag("h3", title), picture, excerpt(program, finding.line), class_="place")
 
 
-def _paths(program: Job, line: int) -> tuple[Array, Array, Array]:
+def _paths(program: Job, bends: Bends, line: int) -> tuple[Array, Array, Array]:
     """The commanded tip before, along and after a line, each (n, 3) mm."""
     none = np.zeros((0, 3))
     if commanded_at(program, line) is None:
         return none, none, none
-    tips = np.asarray(program.table["tip_end"], dtype=np.float64)
-    index = line - 1
-    return tips[max(0, index - PATH_LINES) : index], tips[max(0, index - 1) : line], tips[index : index + PATH_LINES]
+    index, last = line - 1, len(program.table) - 1
+    before = bends.path(max(0, index - PATH_LINES), index - 1) if index else none
+    return before, bends.path(max(0, index - 1), index), bends.path(index, min(index + PATH_LINES, last))
 
 
 def excerpt(program: Job, line: int) -> Node | None:

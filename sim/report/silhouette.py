@@ -15,6 +15,7 @@ from sim.job import Job
 from sim.machine.bodies import BOX, FRUSTUM, Bodies, Body, body_distance, pack
 from sim.machine.links import Links, links_of, place
 from sim.machine.solids import bodies_of
+from sim.report.bends import bulge_of, joints_along, plane_of
 
 if TYPE_CHECKING:
     from sim.findings import Finding
@@ -89,7 +90,8 @@ class Scene:
         count = len(self._cell.letters)
         end = np.asarray(table[line - 1]["joints_end"], dtype=np.float64)[:count]
         start = np.asarray(table[max(0, line - 2)]["joints_end"], dtype=np.float64)[:count]
-        return np.asarray(start + np.linspace(0.0, 1.0, POSES)[:, None] * (end - start))
+        plane, shares = plane_of(self._cell), np.linspace(0.0, 1.0, POSES)
+        return joints_along(start, end, bulge_of(self._program, line - 1) if plane else 0.0, plane or (0, 1), shares)
 
     def _tool(self, line: int) -> int:
         """Number of the tool in the spindle at a line: of the last change before it; 0: none yet."""

@@ -57,7 +57,7 @@ def test_build_report_tells_buffers_axes_and_name() -> None:
     lines = ask(started(), "$I")
     assert "[AXS:5:XYZAC]" in lines
     assert "[FIRMWARE:grblHAL]" in lines
-    assert any(re.fullmatch(rf"\[OPT:\w+,100,1024,5,{len(load_cell("trunnion_tcp").tools)}\]", line) for line in lines)
+    assert any(re.fullmatch(rf"\[OPT:\w+,100,1024,5,{len(load_cell('trunnion_tcp').tools)}\]", line) for line in lines)
     assert lines[-1] == "ok"
     assert "[OPT:VMN,15,128]" in ask(started("grbl"), "$I")
     assert len(ask(started(), "$I+")) > len(lines)
