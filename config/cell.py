@@ -121,6 +121,7 @@ class Cnc(Facts):
     arc_tolerance_mm: Positive = Field(0.002, description="how far the straight pieces that the control cuts an arc into leave it; grblHAL's $12")
     takes_arcs: bool = Field(True, description="G2 and G3 in the XY plane")
     takes_comments: bool = Field(True, description="text in parentheses; it goes over the wire like any other")
+    takes_nurbs: bool | None = Field(None, description="NURBS under the five-axis transformation; none: as manuals have it: Siemens yes, Fanuc no")
 
 
 class Link(Facts):

@@ -1,10 +1,11 @@
 """Words of a Fanuc 30i: tool centre point control with rotary positions (G43.4), NURBS as G06.2 where the tool axis stands.
 
-Source: Fanuc, Series 15i/150i Operator's Manual (Programming), "NURBS interpolation" (G06.2 P K X Y Z R: P is the rank, a knot with each
-pole, then as many blocks with a knot alone as the rank; the first pole is where the tool stands; numbers of nine digits in the least increment);
-Series 30i Operator's Manual, "Tool center point control" (G43.4 H with rotary positions, G49), "AI contour control" (G05.1 Q1), "Machine
-coordinate system" (G53). The manuals describe NURBS of the linear axes; whether a control takes G06.2 under G43.4 is its builder's option, so it is
-written only where the rotary axes stand. With rotary positions the control takes the poses that were looked through for collisions; I J K vectors
+Source: Fanuc, Series 15i/150i Operator's Manual (Programming), "NURBS interpolation" (G06.2 P K X Y Z R, ranks 2 to 4: P is the rank, a knot with
+each pole, then as many blocks with a knot alone as the rank; the first pole is where the tool stands; numbers of nine digits in the least
+increment); Series 30i Operator's Manual, "Tool center point control" (G43.4 H with rotary positions, G49), "AI contour control" (G05.1 Q1),
+"Machine coordinate system" (G53). The manuals describe NURBS of controlled axes and list no combination with tool centre point control: whether a
+control takes G06.2 under G43.4 is its builder's word, so curves are straight moves unless the cell file says cnc.takes_nurbs = true, and NURBS
+then stand only where the rotary axes do. With rotary positions the control takes the poses that were looked through for collisions; I J K vectors
 (G43.5) would leave the choice to it, and K is the knot's letter. G00 need not be straight: rapid moves of the tip go as G01.
 """
 
@@ -30,7 +31,15 @@ from planner.post.tcp_text import (
 from planner.post.tcp_words import Vocabulary
 
 NAME: DialectName = "fanuc"
-CONTROL = Control("fanuc", degrees=(2, 3), weight_step=1e-4, weight_max=1000.0, decimals=4, tells_rotary=True)
+CONTROL = Control(
+    "fanuc",
+    degrees=(2, 3),
+    weight_step=1e-4,
+    weight_max=1000.0,
+    decimals=4,
+    nurbs_unless_told=False,
+    tells_rotary=True,
+)
 MACROS = Macros(
     start=("G17 G21 G40 G49 G80", "G90 G94 G54", "G05.1 Q1"),
     home=(),

@@ -1,8 +1,9 @@
 """Words of a Heidenhain TNC in Klartext: FUNCTION TCPM, LN with axis vectors, L where the axis stands.
 
 Source: Heidenhain, TNC 640 User's Manual Klartext Programming, "FUNCTION TCPM" (F TCP, AXIS SPAT, PATHCTRL VECTOR), "Three-dimensional tool
-compensation" (LN with TX TY TZ), "M91" (machine coordinates; the tool's length does not count, TCPM has to be reset before), "Tolerance" (Cycle
-32: T, HSC-MODE, TA), "FN 19: PLC" (two numbers to the PLC), "Dwell time" (Cycle 9), "Datum setting" (Cycle 247).
+compensation" (tool orientation by LN with X Y Z TX TY TZ and no NX NY NZ, as the path is that of the tip and not to be compensated; all
+coordinates in each LN block), "M91" (machine coordinates; the tool's length does not count, TCPM has to be reset before), "Tolerance" (Cycle 32:
+T, HSC-MODE, TA), "FN 19: PLC" (two numbers to the PLC), "Dwell time" (Cycle 9), "Datum setting" (Cycle 247).
 """
 
 from __future__ import annotations

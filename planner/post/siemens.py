@@ -1,9 +1,10 @@
 """Words of a Sinumerik 840D: TRAORI with axis vectors, NURBS as BSPLINE, machine moves with SUPA.
 
 Source: Siemens, SINUMERIK 840D sl Programming Manual Job Planning, "Spline interpolation" (BSPLINE, SD, PL, PW: weights 0 to 3 in steps of
-0.0001, degree 2 or 3, the start position is the first pole), "Orientation transformation" (TRAORI, ORIWKS, ORIVECT, A3 B3 C3; ORICURVE with XH
-YH ZH, in conjunction with BSPLINE poles of a second point's curve), "Synchronized actions" ($A_OUT); Manual 5-axis machining, ch. 7.1 (FGROUP,
-CTOL, OTOL, FFWON, SOFT). Spans PL stand at the poles in order; the last SD - 1 poles have none, as in the public geometry library geo
+0.0001, degree 2 or 3, the start position is the first pole), "Orientation transformation" (TRAORI, ORIWKS, ORIVECT, A3 B3 C3), "Synchronized
+actions" ($A_OUT); Manual 5-axis machining, ch. 3.5 and 7.1 (ORICURVE: the path of a second point on the tool by XH YH ZH, in conjunction with
+BSPLINE as a control polygon; PL: interval length, node vector; FGROUP, CTOL, OTOL, FFWON, SOFT). The manuals do not say at which pole each span
+stands: spans PL stand at the poles in order; the last SD - 1 poles have none, as in the public geometry library geo
 (PolySplineCurve::writeGCode). Whether weights apply to the second curve as to the first the manual leaves open: rational curves with a turning
 axis go as straight moves.
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -22,11 +23,12 @@ from planner.post.macros import MacroBook
 from planner.post.reading import Reading, Signals
 from planner.post.reread import RereadReport
 from planner.post.tape import Tape, schedule_of
-from planner.post.tcp_build import Builder, Job, frame_of
+from planner.post.tcp_build import Builder
 from planner.post.tcp_check import compare
-from planner.post.tcp_pass import Frame
+from planner.post.tcp_job import Job, frame_of
+from planner.post.tcp_pass import Control, Frame
 from planner.post.tcp_text import laid_out
-from planner.post.tcp_words import SMOOTHING_SHARE, Vocabulary, plain
+from planner.post.tcp_words import SMOOTHING_SHARE, Vocabulary, nurbs_remark, output_remarks, plain
 from planner.program import Program
 
 if TYPE_CHECKING:
@@ -59,8 +61,10 @@ def write_tcp(dialect: str, sequencer: Sequencer, placement: Placement, about: A
     times = tape_times(tape, cell)
     dwells = dwell_times(tape, times)
     job = Job(tape, sequencer.posted, cell, sequencer.chain, sequencer.placed, frame, times, dwells)
-    blocks = Builder(job, writer.CONTROL).build()
-    vocabulary = _vocabulary(writer, sequencer, about, frame, float(times.sum()))
+    control: Control = writer.CONTROL.fitted(cell.cnc.takes_nurbs)
+    blocks = Builder(job, control).build()
+    remarks = [*about.remarks, *nurbs_remark(writer.CONTROL, control), *output_remarks(macros_of(writer, cell))]
+    vocabulary = _vocabulary(writer, sequencer, replace(about, remarks=remarks), frame, float(times.sum()))
     written = laid_out(blocks, writer.texts(blocks, vocabulary), writer.numbered, frame.back, frame.rotation)
     items = np.maximum.accumulate(written.items)
     line_of_item = np.searchsorted(items, np.arange(tape.count)).clip(0, len(items) - 1)
@@ -99,13 +103,15 @@ def read_back(program: Program, posted: Mapping[int, Operation], cell: Cell, cha
     Raises PostError if the text cannot be read.
     """
     writer = WRITERS[program.dialect]
-    given, own = cell.macros.get(writer.NAME, Macros()), writer.MACROS
-    macros = {
-        name: getattr(own, name) or () if getattr(given, name) is None else getattr(given, name) for name in VALUES
-    }
-    signals = Signals(macros, 1 + (cell.cnc.laser_gate_output or 0))
+    signals = Signals(macros_of(writer, cell), 1 + (cell.cnc.laser_gate_output or 0))
     reading = READERS[program.dialect](program.lines, cell.letters, signals)
     return compare(reading, program, posted, cell, chain)
+
+
+def macros_of(writer: ModuleType, cell: Cell) -> dict[str, tuple[str, ...]]:
+    """Lines of every macro: the cell file's, or else the dialect's own."""
+    given, own = cell.macros.get(writer.NAME, Macros()), writer.MACROS
+    return {name: getattr(own, name) or () if getattr(given, name) is None else getattr(given, name) for name in VALUES}
 
 
 def program_name(part: str) -> str:

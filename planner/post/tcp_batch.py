@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from planner.nurbs.curve import Curve
 from planner.plan import Pass
+from planner.post.pass_curve import PassCurve
 from planner.post.tcp_blocks import BLOCK_DTYPE, What
-from planner.post.tcp_pass import Frame
+from planner.post.tcp_pass import Frame, Spline
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -174,6 +175,26 @@ def _stretches(tip: Curve, edges: Floats) -> list[tuple[float, float]]:
 def _clamped(knots: Floats, degree: int, start: float, end: float) -> Floats:
     inner = knots[np.searchsorted(knots, start, side="right") : np.searchsorted(knots, end)]
     return np.concatenate([np.full(degree + 1, start), inner, np.full(degree + 1, end)])
+
+
+def spline_blocks(item: Spline, curve: PassCurve, feed: float) -> NDArray[np.void]:
+    """START and POLE blocks of one NURBS; block i ends, on the curve, at knot p + i."""
+    blocks = np.zeros(len(item.poles), BLOCK_DTYPE)
+    p, count = item.degree, len(item.poles)
+    at = item.knots[np.minimum(np.arange(count) + p, count)]
+    tips, axes, reached = curve.tips(at), curve.axes(at), curve.arc_length(at)
+    blocks["what"] = What.POLE
+    blocks["what"][0] = What.START
+    blocks["tip"], blocks["axis"] = item.poles, item.axes
+    blocks["tip_end"], blocks["axis_end"] = tips, axes
+    blocks["arc_end_mm"] = reached
+    blocks["arc_start_mm"] = np.append(reached[0], reached[:-1])
+    blocks["feed_mm_min"], blocks["weight"], blocks["degree"] = feed, item.weights, p
+    blocks["turns"] = not item.is_axis_constant
+    scale = (reached[-1] - reached[0]) / (item.knots[-1] - item.knots[0])
+    knots = np.round((at - item.knots[0]) * scale, _SPAN_DIGITS)
+    blocks["span"] = np.diff(knots, prepend=0.0)
+    return blocks
 
 
 @njit(cache=True)

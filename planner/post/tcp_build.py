@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from config.cell import Cell
-from planner.errors import PostError
-from planner.kinematics.chain import Chain
-from planner.plan import Operation, Pass
+from planner.plan import Pass
 from planner.post.header import operation_text
 from planner.post.pass_curve import PassCurve
-from planner.post.tape import Entry, Move, Tape
-from planner.post.tcp_batch import Batch
+from planner.post.tape import Entry, Move
+from planner.post.tcp_batch import Batch, spline_blocks
 from planner.post.tcp_blocks import BLOCK_DTYPE, Blocks, Command, Say, What, meaning
 from planner.post.tcp_feed import pass_feeds
-from planner.post.tcp_pass import Control, Floats, Frame, Spline, samples, splines, straight
+from planner.post.tcp_job import Job
+from planner.post.tcp_pass import Control, Floats, Spline, samples, splines, straight
 from planner.program import Channel
 
 Ints = NDArray[np.int64]
@@ -26,43 +23,8 @@ Ints = NDArray[np.int64]
 _SAME_ARC_MM = 1e-6
 _SHORTEST_MM = 1e-3  # of a stretch of a pass: what is said nearer to a set-point is said there
 _STANDS = 1e-7  # mm or deg
+_TURN_DEG = 5.0  # of rapids that turn: a chord leaves the way round by less than a thousandth of its radius
 _Said = dict[float, list[tuple[int, Command | None, list[Entry]]]]
-_PARAMETER_DIGITS = 6  # decimals of knots, in a parameter that is the arc length in mm
-
-
-@dataclass(frozen=True)
-class Job:
-    """What the blocks are made of: the tape and its operations as posted, for a cell and a placement.
-
-    placed : (4, 4) float, table from build   frame : workpiece from build   times : (items,) float, s, predicted for each item of the tape
-    dwells : item -> s
-    """
-
-    tape: Tape
-    posted: dict[int, Operation]
-    cell: Cell
-    chain: Chain
-    placed: Floats
-    frame: Frame
-    times: Floats
-    dwells: dict[int, float]
-
-
-def frame_of(placed: Floats, cell: Cell, work_offset: Floats) -> Frame:
-    """Workpiece coordinates: the table frame less the work offset of the linear axes; the turn of the part is in the numbers.
-
-    Raises PostError if the offset turns a rotary axis: the five-axis transformation of each control takes that otherwise.
-    """
-    shift = placed[:3, 3].copy()
-    for axis, value in zip(cell.axes, work_offset.tolist(), strict=True):
-        if axis.kind == "linear":
-            shift["XYZ".index(axis.letter)] -= value
-        elif value != 0.0:
-            raise PostError(
-                f"work offset of {axis.letter} is {value:g} deg: a program in workpiece coordinates needs rotary axes without offset",
-                "set it to 0 and turn the part with placement.rotation_deg",
-            )
-    return Frame(placed[:3, :3].copy(), shift)
 
 
 class Builder:
@@ -154,7 +116,22 @@ class Builder:
             block["what"] = What.MACHINE if is_machine else What.RAPID if row["move"] == Move.RAPID else What.LINE
             way = float(np.linalg.norm(self._begin[0][item] - self._end[0][item])) if stands else float(row["way"])
             block["feed_mm_min"] = 60.0 * way / max(float(row["time_s"]), 1e-9)
-            self._add(block)
+            self._add(self._turned(item, block) if block["what"][0] == What.RAPID and not stands else block)
+
+    def _turned(self, item: int, block: NDArray[np.void]) -> NDArray[np.void]:
+        """A rapid that turns, in steps along the way that the axes take: between its ends the tip goes round, not straight."""
+        columns = [joint.column for joint in self._job.chain.rotary]
+        begin, end = self._starts[item], self._items["joints"][item]
+        count = int(np.ceil(np.abs(end - begin)[columns].max() / _TURN_DEG))
+        rows = np.repeat(block, count)
+        rows["joints"] = begin + (np.arange(1, count + 1) / count)[:, None] * (end - begin)
+        rows["time_s"] /= count
+        tool = int(self._items["tool"][item])
+        length = next((np.array(tool_.tip_mm) for tool_ in self._job.cell.tools if tool_.number == tool), np.zeros(3))
+        tips, axes = self._job.chain.forward(rows["joints"], length)
+        rows["tip"] = rows["tip_end"] = tips - (self._job.placed[:3, 3] - self._job.frame.shift)
+        rows["axis"] = rows["axis_end"] = axes
+        return rows
 
     def _named(self, item: int) -> int:
         """Axes of a machine move: those that move, for the tool lifts straight off; all of them from the second move on, to know every axis."""
@@ -224,7 +201,7 @@ class Builder:
         if not curve.source.rapid:
             made = splines(curve, start, end, frame, self._control, cell.chord_tolerance_mm)
         if made:
-            return np.concatenate([_spline_blocks(item, curve, feed) for item in made])
+            return np.concatenate([spline_blocks(item, curve, feed) for item in made])
         at = straight(curve, self._sampled(curve), start, end, cell.axis_tolerance_deg)
         if self._control.tells_rotary and not curve.has_constant_axis:
             own = curve.at_arc_length(
@@ -362,23 +339,3 @@ def _edges(first: float, last: float, cuts: list[float]) -> Floats:
         if found[-1] + _SHORTEST_MM < arc < last - _SHORTEST_MM:
             found.append(arc)
     return np.array([*found, last])
-
-
-def _spline_blocks(item: Spline, curve: PassCurve, feed: float) -> NDArray[np.void]:
-    """START and POLE blocks of one NURBS; block i ends, on the curve, at knot p + i."""
-    blocks = np.zeros(len(item.poles), BLOCK_DTYPE)
-    p, count = item.degree, len(item.poles)
-    at = item.knots[np.minimum(np.arange(count) + p, count)]
-    tips, axes, reached = curve.tips(at), curve.axes(at), curve.arc_length(at)
-    blocks["what"] = What.POLE
-    blocks["what"][0] = What.START
-    blocks["tip"], blocks["axis"] = item.poles, item.axes
-    blocks["tip_end"], blocks["axis_end"] = tips, axes
-    blocks["arc_end_mm"] = reached
-    blocks["arc_start_mm"] = np.append(reached[0], reached[:-1])
-    blocks["feed_mm_min"], blocks["weight"], blocks["degree"] = feed, item.weights, p
-    blocks["turns"] = not item.is_axis_constant
-    scale = (reached[-1] - reached[0]) / (item.knots[-1] - item.knots[0])
-    knots = np.round((at - item.knots[0]) * scale, _PARAMETER_DIGITS)
-    blocks["span"] = np.diff(knots, prepend=0.0)
-    return blocks

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ class Control:
 
     degrees : of its NURBS, none: straight moves only   takes_axis_splines : the axis may follow a NURBS on the same knots
     weight_step, weight_max : of weights   has_unit_start : the first pole has weight 1   decimals : of positions
-    takes_machine_moves : positions of the axes themselves   tells_rotary : rotary positions say how the tool stands, so that straight moves end
-    where those of the tape do
+    nurbs_unless_told : they go out as such where the cell file does not say   takes_machine_moves : positions of the axes themselves
+    tells_rotary : rotary positions say how the tool stands, so that straight moves end where those of the tape do
     """
 
     dialect: str
@@ -40,8 +40,14 @@ class Control:
     weight_max: float = 1.0
     has_unit_start: bool = False
     decimals: int = 4
+    nurbs_unless_told: bool = True
     takes_machine_moves: bool = True
     tells_rotary: bool = False
+
+    def fitted(self, takes_nurbs: bool | None) -> Control:
+        """What it takes in a cell that says whether NURBS go (none: it does not say)."""
+        goes = self.nurbs_unless_told if takes_nurbs is None else takes_nurbs
+        return self if goes or not self.degrees else replace(self, degrees=(), takes_axis_splines=False)
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from planner.post.macros import MacroBook
 from planner.post.tcp_blocks import Command, Say
+from planner.post.tcp_pass import Control
 from planner.program import Channel
 
 SMOOTHING_SHARE = 0.2
@@ -51,6 +52,32 @@ class Vocabulary:
     def opening(self) -> list[str]:
         """Lines of the macros start and home."""
         return [*self.book.lines("start"), *self.book.lines("home")]
+
+
+OUTPUTS = {
+    "laser_w": "laser W",
+    "powder_g_min": "powder g/min",
+    "carrier_gas_l_min": "carrier gas L/min",
+    "shield_gas_l_min": "shield gas L/min",
+    "mode": "0 safe, 1 deposit, 2 mill",
+}
+"""Macros of levels, and what a person calls them."""
+
+
+def output_remarks(macros: Mapping[str, Sequence[str]]) -> list[str]:
+    """One line for each output: its word, and what it sets."""
+    found = []
+    for name, text in OUTPUTS.items():
+        telling = [line for line in macros[name] if "{value}" in line or "{mode}" in line]
+        found += [f"{line.format(value='..', mode='..')} {text}" for line in telling[:1] if line.count("{") == 1]
+    return found
+
+
+def nurbs_remark(can: Control, does: Control) -> list[str]:
+    """How curves go out, for controls that have NURBS at all."""
+    if not can.degrees:
+        return []
+    return ["curves as NURBS" if does.degrees else "curves as straight moves, cnc.takes_nurbs would give NURBS"]
 
 
 def plain(value: float, point: str = "") -> str:

@@ -46,7 +46,7 @@ MUTATIONS = {
     "a vector's length": (lambda t: re.search(r" TX\+0\.[1-9]", t), lambda t: re.sub(r"TZ\+0\.9", "TZ+0.8", t)),
     "a feed": (lambda t: " F720" in t, lambda t: t.replace("F720", "F800")),
     "a gate word": (lambda t: t.endswith(" M62"), lambda t: t.replace("M62", "; gone")),
-    "a gas flow": (lambda t: "PLC=+4/" in t, lambda t: re.sub(r"/\+\d+", "/+1", t)),
+    "a gas flow": (lambda t: re.search(r"PLC=\+4/\+\d", t), lambda t: re.sub(r"/\+\d+", "/+1", t)),
     "FMAX": (lambda t: " FMAX" in t and "M91" not in t, lambda t: t.replace("X+", "X-").replace("Z+", "Z-")),
     "TCPM": (lambda t: "FUNCTION TCPM" in t, lambda t: t.split(" ")[0] + " ; gone"),
     "a spindle speed": (lambda t: "TOOL CALL S" in t, lambda t: re.sub(r"S\d+", "S100", t)),

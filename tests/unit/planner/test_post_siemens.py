@@ -76,7 +76,7 @@ MUTATIONS = {
     "a gate word": (lambda t: "$A_OUT[1]=1" in t, lambda t: t.split(" ")[0] + " ; gone"),
     "a gate that stays open": (lambda t: "$A_OUT[1]=0" in t, lambda t: t.split(" ")[0] + " ; gone"),
     "a laser level": (lambda t: "H1=1200" in t, lambda t: t.replace("1200", "1201")),
-    "a powder flow": (lambda t: "H2=" in t, lambda t: re.sub(r"H2=\S+", "H2=3", t)),
+    "a powder flow": (lambda t: re.search(r"H2=\d", t), lambda t: re.sub(r"H2=\S+", "H2=3", t)),
     "a tool": (lambda t: "T2 M6" in t, lambda t: t.replace("T2", "T3")),
     "a spindle": (lambda t: " M3" in t, lambda t: t.replace("M3", "M5")),
     "TRAORI": (lambda t: t.endswith("TRAORI"), lambda t: t.replace("TRAORI", "; gone")),

@@ -73,10 +73,15 @@ def posted(plan: Plan, dialect: str, cell: Cell) -> Posted:
     return Posted(program, sequencer.posted, cell, chain)
 
 
+def with_nurbs(cell: Cell) -> Cell:
+    """The cell with a control that takes NURBS under the five-axis transformation."""
+    return cell.model_copy(update={"cnc": cell.cnc.model_copy(update={"takes_nurbs": True})})
+
+
 @cache
 def hybrid(dialect: str, cell: str = "trunnion_tcp") -> Posted:
     """The hand-made hybrid Plan: contours, ways and a milled cone with a turning axis."""
-    return posted(hybrid_plan(), dialect, load_cell(cell))
+    return posted(hybrid_plan(), dialect, with_nurbs(load_cell(cell)))
 
 
 def mill_pass(tip: Curve, axis: Curve | None) -> Plan:
