@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,6 +59,7 @@ class _Checker:
         self._matrix[:3, 3] -= self._offset
         self._motions = reading.motions()
         self._worst = _Worst()
+        self._polylines: list[tuple[Ints, Pass]] = []  # motions of passes that are compared all at once
         self._bounds = _bounds(program, posted, cell)
         self._scheduled = _scheduled(program)
         self._starts, self._start_axes = self._begins()
@@ -75,6 +76,8 @@ class _Checker:
                 self._pass(np.arange(begin, end), int(key[begin]) >> 32, int(key[begin]) & 0xFFFFFFFF)
             else:
                 self._positioning(np.arange(begin, end))
+        if self._polylines:
+            self._straight_lines()
         for number, operation in self._posted.items():
             for index in range(len(operation.passes)):
                 if (number, index) not in seen and operation.passes[index].tip.length > self._cell.chord_tolerance_mm:
@@ -149,8 +152,10 @@ class _Checker:
         curve = PassCurve(item, self._matrix, place)
         motions = self._motions[group]
         straight = group[(motions["how"] == How.LINE) | (motions["how"] == How.RAPID)]
-        if straight.size:
-            self._straight(straight, curve, item)
+        if straight.size and item.tip.degree == 1 and item.tip.weights is None and curve.has_constant_axis:
+            self._polylines.append((straight, item))
+        elif straight.size:
+            self._straight(straight, curve)
         for k in group[motions["how"] == How.CURVE].tolist():
             self._curve(k, curve)
         end = curve.tips(np.array([item.tip.domain[1]]))[0]
@@ -168,20 +173,50 @@ class _Checker:
         lines, firsts = self._motions["line"][group], self._motions["first_line"][group]
         return table["arc_start_mm"][firsts], table["arc_end_mm"][lines]
 
-    def _straight(self, group: Ints, curve: PassCurve, item: Pass) -> None:
+    def _straight_lines(self) -> None:
+        """Motions along polylines whose axis stands, of all passes: arc lengths of one pass begin far behind those of the one before."""
+        rotation, shift = self._matrix[:3, :3], self._matrix[:3, 3]
+        passes = [item for _, item in self._polylines]
+        sizes = [len(item.tip.control_points) for item in passes]
+        corners = np.concatenate([item.tip.control_points for item in passes]) @ rotation.T + shift
+        corner_of = np.repeat(np.arange(len(passes)), sizes)
+        reached = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+        last = np.cumsum(sizes) - 1
+        begin = reached[np.append(0, last[:-1] + 1)]
+        length, reached = reached[last] - begin, reached - begin[corner_of]
+        far = 1.0 + float(length.max())
+        place = far * corner_of + reached
+        group = np.concatenate([motions for motions, _ in self._polylines])
+        of = np.tile(np.repeat(np.arange(len(passes)), [len(motions) for motions, _ in self._polylines]), len(_SHARES))
+
+        def tips(arc: Floats) -> Floats:
+            at = far * of + np.clip(arc, 0.0, length[of])
+            return np.column_stack([np.interp(at, place, corners[:, k]) for k in range(3)])
+
+        axes = np.array([item.axis for item in passes], dtype=np.float64).reshape(-1, 3) @ rotation.T
+        planned = (axes / np.linalg.norm(axes, axis=1, keepdims=True))[of]
+        every, arc, tip, axis, along = self._written(group, tips)
+        off = np.minimum(np.linalg.norm(tip - tips(arc), axis=1), np.linalg.norm(tip - tips(arc + along), axis=1))
+        self._take(group[every], off, angle_between_deg(axis, planned))
+
+    def _written(self, group: Ints, tips: Callable[[Floats], Floats]) -> tuple[Ints, Floats, Floats, Floats, Floats]:
+        """At shares of straight motions: which motion, arc length, tip, axis, and how far along the motion the tip is ahead of the pass."""
         starts, ends = self._rows(group)
         tip0, tip1 = self._starts[group], self._motions["tip"][group]
         way = np.linalg.norm(tip1 - tip0, axis=1)
-        moves = way > _ROUNDING_MM
         share = np.repeat(_SHARES, len(group))
         every = np.tile(np.arange(len(group)), len(_SHARES))
         chord = (tip1 - tip0)[every]
         tip = tip0[every] + share[:, None] * chord
-        axis = self._between(group[every], share[:, None])
         arc = starts[every] + share * (ends - starts)[every]
+        along = np.einsum("ij,ij->i", tip - tips(arc), chord) / np.maximum(way[every], 1e-9)
+        axis = self._between(group[every], share[:, None])
+        return every, arc, tip, axis, np.where((way > _ROUNDING_MM)[every], along, 0.0)
+
+    def _straight(self, group: Ints, curve: PassCurve) -> None:
+        every, arc, tip, axis, along = self._written(group, lambda arc: curve.tips(curve.at_arc_length(arc)))
         at = curve.at_arc_length(arc)
-        along = np.einsum("ij,ij->i", tip - curve.tips(at), chord) / np.maximum(way[every], 1e-9)
-        nearer = curve.at_arc_length(np.clip(arc + np.where(moves[every], along, 0.0), 0.0, curve.length_mm))
+        nearer = curve.at_arc_length(np.clip(arc + along, 0.0, curve.length_mm))
         off = np.minimum(np.linalg.norm(tip - curve.tips(at), axis=1), np.linalg.norm(tip - curve.tips(nearer), axis=1))
         turned = np.minimum(angle_between_deg(axis, curve.axes(at)), angle_between_deg(axis, curve.axes(nearer)))
         self._take(group[every], off, turned)

@@ -57,20 +57,36 @@ class Posted:
         )
 
 
-def posted(plan: Plan, dialect: str, cell: Cell) -> Posted:
-    """A Plan posted with the part turned on the table, so that no frame is another by accident."""
+def sequenced(plan: Plan, cell: Cell) -> Sequencer:
+    """A Plan on its tape with the part turned on the table, so that no frame is another by accident."""
     placement = cell.placement.model_copy(update={"rotation_deg": 30.0})
     chain = Chain.from_cell(cell, placement)
-    placed = table_from_build(placement.part_origin_mm, placement.rotation_deg)
-    sequencer = Sequencer(plan, cell, chain, placed, 5.0)
+    sequencer = Sequencer(plan, cell, chain, table_from_build(placement.part_origin_mm, placement.rotation_deg), 5.0)
     sequencer.run()
+    return sequencer
+
+
+def written(sequencer: Sequencer, dialect: str) -> Posted:
+    """The program of a tape."""
+    plan, cell = sequencer.plan, sequencer.cell
+    placement = cell.placement.model_copy(update={"rotation_deg": 30.0})
     made = write_tcp(dialect, sequencer, placement, About(plan, "ab" * 32, cell, placement, dialect, cell.tools))
     work_offset = np.array([placement.work_offset.get(letter, 0.0) for letter in cell.letters])
     program = Program(
         plan.part_name, cell.name, dialect, "ab" * 32, "0" * 64, cell.sha256, 0.1, "hybrid", "316L", made.lines, made.table, made.schedule,
-        made.layer_starts, cell.letters, placed, np.eye(4), work_offset, sequencer.state.gate, (1, 2), made.duration_s,
+        made.layer_starts, cell.letters, sequencer.placed, np.eye(4), work_offset, sequencer.state.gate, (1, 2), made.duration_s,
     )  # fmt: skip
-    return Posted(program, sequencer.posted, cell, chain)
+    return Posted(program, sequencer.posted, cell, sequencer.chain)
+
+
+def posted(plan: Plan, dialect: str, cell: Cell) -> Posted:
+    """A Plan posted."""
+    return written(sequenced(plan, cell), dialect)
+
+
+@cache
+def _hybrid_tape(cell: str) -> Sequencer:
+    return sequenced(hybrid_plan(), with_nurbs(load_cell(cell)))
 
 
 def with_nurbs(cell: Cell) -> Cell:
@@ -81,7 +97,7 @@ def with_nurbs(cell: Cell) -> Cell:
 @cache
 def hybrid(dialect: str, cell: str = "trunnion_tcp") -> Posted:
     """The hand-made hybrid Plan: contours, ways and a milled cone with a turning axis."""
-    return posted(hybrid_plan(), dialect, with_nurbs(load_cell(cell)))
+    return written(_hybrid_tape(cell), dialect)
 
 
 def mill_pass(tip: Curve, axis: Curve | None) -> Plan:
