@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.inverse import RotaryPair, rotary_angles, tilt_for_spin
+
+Bools = NDArray[np.bool_]
 
 _STEP_DEG = 5.0
 
@@ -16,14 +19,17 @@ def rotary_travel_deg(chain: Chain, joints: Floats) -> float:
     return float(np.abs(np.diff(joints[:, columns], axis=0)).sum())
 
 
-def dense_axes(chain: Chain, joints: Floats, step_deg: float = _STEP_DEG) -> Floats:
-    """(m, 3) float, unit vectors, table frame: the tool axis along straight joint moves (n, 5), rotary joints by a step at a time at most.
+def followed_axes(chain: Chain, joints: Floats, is_followed: Bools, step_deg: float = _STEP_DEG) -> Floats:
+    """(m, 3) float, unit vectors, table frame: the tool axes that straight joint moves (n, 5) have to give.
 
-    One move may turn the tool by more than half a turn: which way it went is told by the places in between alone.
+    is_followed : (n - 1,) bool, moves whose way matters: rotary joints by a step at a time at most, since one move may turn the tool
+    by more than half a turn; of the others, links through the air, the ends beside followed ones alone, and where all ends
     """
     columns = [joint.column for joint in chain.rotary]
     turn = np.abs(np.diff(joints[:, columns], axis=0)).max(axis=1)
-    pieces = np.maximum(np.ceil(turn / step_deg), 1.0).astype(np.int64)
+    pieces = np.where(is_followed, np.maximum(np.ceil(turn / step_deg), 1.0), 0.0).astype(np.int64)
+    pieces[:-1] += is_followed[1:] & ~is_followed[:-1]  # where a link ends
+    pieces[-1:] = np.maximum(pieces[-1:], 1)
     move = np.repeat(np.arange(len(pieces)), pieces)
     share = (np.arange(len(move)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 1.0) / pieces[move]
     between = joints[move] + share[:, None] * (joints[move + 1] - joints[move])

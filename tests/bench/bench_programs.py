@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from config.cell import Cell, load_cell
+from planner.compose.engaging import engagement_of
 from planner.compose.gouging import checked
 from planner.compose.plate import on_plate
 from planner.decompose.division import divide
 from planner.errors import PlannerError
 from planner.kinematics.chain import Chain
-from planner.kinematics.rotary_travel import pointwise_joints, rotary_travel_deg
+from planner.kinematics.limits import excess
+from planner.kinematics.rotary_travel import followed_axes, pointwise_joints, rotary_travel_deg
 from planner.mesh.mesh import Mesh
 from planner.plan import Plan
 from planner.post import assemble as assembling
@@ -52,7 +54,7 @@ def run() -> list[Table]:
         try:
             made = {dialect: _posted(plan, cell, dialect) for dialect in DIALECTS}
         except PlannerError as error:
-            passes.append([name, *[""] * 9, error.message])
+            passes.append([name, *[""] * 11, error.message])
             continue
         program, report, _ = made["grblhal"]
         simulated_s = prove(program, cell, mesh, cell_mm=GRID_MM).duration_s
@@ -112,14 +114,16 @@ def _passes_row(
     division, _ = on_plate(divide(mesh, recipe, settings), recipe)
     part = mesh.transformed(plan.build_from_part)
     cuts = list(checked(division.pieces, plan.layers, part, look_mm=LOOK_MM, from_block=plan.process == "mill"))
+    engaged = max((found.angle_deg for found in engagement_of(plan.layers, settings)), default=float("nan"))
     gouge = max((-found.worst_mm for found in cuts), default=float("nan"))
     metal: dict[str, Any] = books_figures(books(plan)) or {}
     chain = Chain.from_cell(cell)
     rows = program.table[program.table["kind"] != LineKind.SETUP]
     joints = np.asarray(rows["joints_end"])
-    axes = np.asarray(rows["axis_end"]) @ program.machine_from_build[:3, :3].T
     travel = rotary_travel_deg(chain, joints)
-    alone = rotary_travel_deg(chain, pointwise_joints(chain, axes, joints[0]))
+    followed = followed_axes(chain, joints, np.asarray(rows["kind"][1:] == LineKind.PROCESS))
+    pointwise = pointwise_joints(chain, followed, joints[0])
+    alone, beyond = rotary_travel_deg(chain, pointwise), float(excess(cell.axes, pointwise).max())
     least = report.least[0] if report.least else None
     return [
         name,
@@ -129,9 +133,11 @@ def _passes_row(
         float(metal.get("void_beads", float("nan"))),
         100.0 * float(metal.get("double_share", float("nan"))),
         gouge,
+        engaged,
         least.mm if least else "> 2",
         travel,
         alone,
+        beyond,
         least.why if least else "nothing nearer than looked for",
     ]
 
@@ -159,12 +165,13 @@ def _program_row(
 
 def _passes(rows: list[list[str | int | float]]) -> Table:
     columns = [
-        "part", "layers", "passes", "deposited / wanted at worst", "widest void, beads", "laid double %", "deepest gouge mm", "least clearance mm",
-        "rotary travel deg", "point by point deg", "what is nearest",
+        "part", "layers", "passes", "deposited / wanted at worst", "widest void, beads", "laid double %", "deepest gouge mm", "greatest engagement deg", "least clearance mm",
+        "rotary travel deg", "point by point deg", "leaves its travel by deg", "what is nearest",
     ]  # fmt: skip
     note = (
         f"On {CELL}. Balance and voids: of level layers by their beads. Gouge: swept cutters against the part as built by then, looked to {LOOK_MM} "
-        "mm; less than 0: air. Point by point: nearest branch row by row, no looking ahead."
+        "mm; less than 0: air. Point by point: nearest branch every 5 deg along the passes "
+        "and at the ends of links, no looking ahead, no limits: what it leaves an axis' travel by, ours has to unwind."
     )
     return Table("Passes", columns, rows, note)
 

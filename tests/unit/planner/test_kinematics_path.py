@@ -12,7 +12,7 @@ from config.cell import load_cell
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.inverse import RotaryPair, rotary_angles
 from planner.kinematics.limits import travel
-from planner.kinematics.rotary_travel import pointwise_joints, rotary_travel_deg
+from planner.kinematics.rotary_travel import followed_axes, pointwise_joints, rotary_travel_deg
 from planner.kinematics.shortest import Lattice, shortest_way
 
 LOW, HIGH, SPEED = np.array([-110.0, -400.0]), np.array([110.0, 400.0]), np.array([90.0, 180.0])
@@ -120,3 +120,13 @@ def test_the_whole_way_turns_less_than_an_inverse_that_looks_at_one_point_after_
     joints[:, columns] = way.angles
     assert way.inside and np.abs(chain.forward(joints, np.zeros(3))[1] - axes).max() < 1e-12
     assert rotary_travel_deg(chain, joints) <= point + 1e-9
+
+
+def test_one_move_of_a_whole_turn_is_a_whole_turn_for_the_inverse_that_looks_point_by_point_too() -> None:
+    # A ring round the table's axis with the head at 30 degrees is one block of C; a turn back in the air need not be followed.
+    chain = Chain.from_cell(load_cell("trunnion_tcp"))
+    joints = np.array([[0.0, 0.0, 0.0, 30.0, c] for c in (0.0, 400.0, 100.0, 280.0)])
+    axes = followed_axes(chain, joints, np.array([True, False, True]))
+    point = pointwise_joints(chain, axes, joints[0])
+    assert rotary_travel_deg(chain, point) == pytest.approx(400.0 + 60.0 + 180.0)
+    assert np.abs(chain.forward(point, np.zeros(3))[1] - axes).max() < 1e-12

@@ -160,7 +160,7 @@ def test_flanks_are_never_tilted() -> None:
 def test_a_longer_cutter_of_the_table_is_taken_where_the_first_one_hits() -> None:
     cell = load_cell("trunnion_tcp")
     short = next(tool for tool in cell.tools if tool.number == 2)
-    longer = short.model_copy(update={"number": 7, "stickout_mm": 60.0, "tip_mm": (0.0, 0.0, -160.0)})
+    longer = short.model_copy(update={"number": 7, "stickout_mm": 55.0, "tip_mm": (0.0, 0.0, -155.0)})
     bench = Bench(lambda tool, tips, axes, joints: np.full(len(tips), tool.stickout - 50.0), cell.model_copy(update={"tools": (*cell.tools, longer)}))
     reached = bench.reach(straight(Process.MILL_SIDE, cutter_diameter_mm=8.0, spindle_rpm=3000.0))
     assert reached.tool.number == 7 and "tool 7 instead of 2" in bench.counts.changes[0]
