@@ -21,6 +21,7 @@ Ints = NDArray[np.int64]
 
 _SAME_ARC_MM = 1e-6
 _SAME_KNOT = 1e-6  # of the domain: a cut nearer to a knot than this is made there
+_STRAIGHT_MM = 1e-6  # what poles of a straight way lie off it through rounding
 _SPAN_DIGITS = 6  # decimals of knots, in a parameter that is the arc length in mm
 
 
@@ -55,7 +56,9 @@ class Batch:
         p = tip.degree
         inner = tip.knots[p + 1 : -p - 1]
         has_corner = bool(np.any(inner[p - 1 :] == inner[: max(len(inner) - p + 1, 0)]))
-        return p == 1 or (p in self.degrees and not source.rapid and not has_corner)
+        if p == 1:
+            return True
+        return p in self.degrees and not source.rapid and not has_corner and not is_straight(tip.control_points)
 
     def add(self, serial: int, item: int, source: Pass, edges: Floats, feeds: Floats) -> None:
         """Stretches of one pass between arc lengths (k + 1,), numbered from serial, at feeds (k,); item : of the tape, its first move."""
@@ -179,8 +182,10 @@ def _clamped(knots: Floats, degree: int, start: float, end: float) -> Floats:
 
 def spline_blocks(item: Spline, curve: PassCurve, feed: float) -> NDArray[np.void]:
     """START and POLE blocks of one NURBS; block i ends, on the curve, at knot p + i."""
-    blocks = np.zeros(len(item.poles), BLOCK_DTYPE)
     p, count = item.degree, len(item.poles)
+    if item.is_axis_constant and is_straight(item.poles):
+        return _line(item, curve, feed)
+    blocks = np.zeros(count, BLOCK_DTYPE)
     at = item.knots[np.minimum(np.arange(count) + p, count)]
     tips, axes, reached = curve.tips(at), curve.axes(at), curve.arc_length(at)
     blocks["what"] = What.POLE
@@ -195,6 +200,29 @@ def spline_blocks(item: Spline, curve: PassCurve, feed: float) -> NDArray[np.voi
     knots = np.round((at - item.knots[0]) * scale, _SPAN_DIGITS)
     blocks["span"] = np.diff(knots, prepend=0.0)
     return blocks
+
+
+def _line(item: Spline, curve: PassCurve, feed: float) -> NDArray[np.void]:
+    """The LINE block of a NURBS that goes straight."""
+    row = np.zeros(1, BLOCK_DTYPE)
+    ends = item.knots[[0, -1]]
+    row["what"] = What.LINE
+    row["tip"] = row["tip_end"] = curve.tips(ends[1:])
+    row["axis"] = row["axis_end"] = curve.axes(ends[1:])
+    row["arc_start_mm"], row["arc_end_mm"] = curve.arc_length(ends)
+    row["feed_mm_min"] = feed
+    return row
+
+
+def is_straight(poles: Floats) -> bool:
+    """Whether poles (n, 3), mm, lie on the way from the first to the last, in this order."""
+    chord = poles[-1] - poles[0]
+    length = float(np.sqrt(chord @ chord))
+    if length <= _STRAIGHT_MM:
+        return False
+    along = (poles - poles[0]) @ (chord / length)
+    off = poles - poles[0] - along[:, None] * (chord / length)
+    return bool(np.abs(off).max() <= _STRAIGHT_MM and np.all(np.diff(along) >= -_STRAIGHT_MM))
 
 
 @njit(cache=True)

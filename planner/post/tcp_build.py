@@ -115,7 +115,7 @@ class Builder:
                 self._machine_moves = 0
             block["what"] = What.MACHINE if is_machine else What.RAPID if row["move"] == Move.RAPID else What.LINE
             way = float(np.linalg.norm(self._begin[0][item] - self._end[0][item])) if stands else float(row["way"])
-            block["feed_mm_min"] = 60.0 * way / max(float(row["time_s"]), 1e-9)
+            block["feed_mm_min"] = 60.0 * way / max(float(row["time_s"]), 1e-9)  # nominal: the control ramps by itself
             self._add(self._turned(item, block) if block["what"][0] == What.RAPID and not stands else block)
 
     def _turned(self, item: int, block: NDArray[np.void]) -> NDArray[np.void]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from config.cell import load_cell
 from config.macros import Macros
 from planner.errors import PostError
+from planner.nurbs.curve import Curve
 from tests.unit.planner.hand_plan import circle, cone_axis
 from tests.unit.planner.tip_posts import assert_noticed, bead_pass, hybrid, mill_pass, posted, quarter_circle
 
@@ -138,3 +140,14 @@ def test_every_line_of_the_table_stands_for_its_text_in_order_of_time() -> None:
     assert np.all(np.diff(program.table["time_end_s"]) >= -1e-9)
     assert np.array_equal(program.table["n"], np.arange(1, len(program.lines) + 1))
     assert program.duration_s == pytest.approx(program.table["time_end_s"][-1])
+
+
+def test_straight_stretches_of_a_cubic_go_out_as_straight_moves() -> None:
+    corners = np.array([[0.0, 0.0, 5.0], [24.0, 0.0, 5.0], [24.0, 12.0, 5.0]])
+    points = np.vstack(
+        [corners[0], *(a + np.array([[1.0], [2.0], [3.0]]) / 3.0 * (b - a) for a, b in pairwise(corners))]
+    )
+    tip = Curve(3, np.repeat([0.0, 1.0, 2.0], [4, 3, 4]), points)
+    made = posted(bead_pass(tip), "siemens", load_cell("trunnion_tcp"))
+    assert not any("BSPLINE" in line for line in made.program.lines)
+    assert not made.read().faults and made.read().max_tip_mm < 1e-4
