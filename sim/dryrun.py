@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 STEP_S = 0.4  # of process time; motion inside a step is exact, and the metal does not depend on it
 LONG_STEPS = 2.5  # of STEP_S: a step while nothing is due
 WAIT_STEP_S = 0.1  # while a barrier waits for the plant
-FINE_STEP_S = 0.005  # while set-points change with the lines
+FINE_STEP_S = 0.005  # the least, up to the begin of a line with a set-point
 BOUNDARY_STEP_S = 0.1  # while the planner may take the last lines of a layer: it shall not run dry where lines wait for the step's end
 SHOWN_MAX = 100  # characters of a line at fault in a finding's text
 CELL_LEAST_MM, CELL_MOST_MM = 0.2, 0.5
@@ -219,13 +219,11 @@ class DryRun:
             self._fail("process", problem, self.controller.next_line)
 
     def _step_s(self) -> float:
-        if self.controller.changes_near:
-            return FINE_STEP_S
         if self.controller.is_waiting:
             return WAIT_STEP_S
-        if self.controller.boundary_near:
-            return BOUNDARY_STEP_S
         usual = min(max(STEP_S, self.controller.quiet_s), LONG_STEPS * STEP_S)
+        if self.controller.boundary_near:
+            usual = BOUNDARY_STEP_S
         return max(min(usual, self.controller.until_next_s), FINE_STEP_S)
 
     def _check_after(self) -> None:

@@ -12,7 +12,6 @@ from sim.job import Job
 from sim.state import freeze, thaw
 from sim.world import World
 
-NEAR_LINES = 2  # set-points of lines this close to the executing one: time goes in fine steps
 POWDER_TOLERANCE = 0.05  # relative; flow is steady within
 DRY_G_MIN = 0.05
 MACHINE_WAIT_S = 60.0  # a barrier that takes longer will never be passed
@@ -86,20 +85,15 @@ class IdealController:
         return self._pending is not None
 
     @property
-    def changes_near(self) -> bool:
-        """Whether a set-point is due within the next lines."""
-        if self._next_event >= len(self._event_lines):
-            return False
-        line = self._event_lines[self._next_event]
-        return line <= self.executing + NEAR_LINES and not 0 < self.boundary <= line
-
-    @property
     def until_next_s(self) -> float:
         """Time that goes by at least before the line of the next set-point begins; what is behind the next layer's begin does not count."""
         if self._next_event >= len(self._event_lines):
             return float("inf")
         line = self._event_lines[self._next_event]
-        return float("inf") if 0 < self.boundary <= line else self._world.cnc.machine.motion.planned_before_s(line)
+        if 0 < self.boundary <= line:
+            return float("inf")
+        machine = self._world.cnc.machine
+        return machine.timer_s + machine.motion.planned_before_s(line)
 
     @property
     def quiet_s(self) -> float:

@@ -134,8 +134,8 @@ def planned_s(blocks: Floats, state: Floats) -> float:
 
 
 @njit(cache=True)
-def planned_before_s(blocks: Floats, state: Floats, line: float) -> float:
-    """Time of the planned blocks of lines before `line` at their programmed speeds, s, what is done of the first one taken off."""
+def planned_before_s(blocks: Floats, state: Floats, line: float, feed_override: float, rapid_override: float) -> float:
+    """Time of the planned blocks of lines before `line` without ramps and corners, s, what is done of the first one taken off."""
     size = blocks.shape[0]
     head, total = int(state[HEAD]), 0.0
     for k in range(int(state[COUNT])):
@@ -143,7 +143,7 @@ def planned_before_s(blocks: Floats, state: Floats, line: float) -> float:
         if block[LINE] >= line:
             break
         left = block[LENGTH] - (state[DISTANCE] if k == 0 else 0.0)
-        total += left / nominal_speed(block, 1.0, 1.0)
+        total += left / nominal_speed(block, feed_override, rapid_override)
     return total
 
 

@@ -98,6 +98,11 @@ class Machine:
         """Whether actions of the last line are still to be carried out."""
         return bool(self._actions) or self._timed is not None
 
+    @property
+    def timer_s(self) -> float:
+        """Time that a dwell, a tool change or the spindle still takes, s; nothing moves and no line is taken so long."""
+        return self._timer_s if self._timed is not None else 0.0
+
     def begin(self, actions: Sequence[Action]) -> None:
         """Take the actions of a line."""
         self._actions.extend(actions)

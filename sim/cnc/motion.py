@@ -113,8 +113,8 @@ class Motion:
         return float(la.planned_s(self._blocks, self._state))
 
     def planned_before_s(self, line: int) -> float:
-        """Time of the planned blocks of lines before one at their programmed speeds: a lower bound of when it begins."""
-        return float(la.planned_before_s(self._blocks, self._state, float(line)))
+        """Time of the planned blocks of lines before one without ramps and corners, overrides as they are: a lower bound of when it begins."""
+        return float(la.planned_before_s(self._blocks, self._state, float(line), self.feed_override, self.rapid_override))
 
     def place(self, position: Sequence[float] | Floats) -> None:
         """Stand at a position with an empty buffer; queued outputs are dropped, outputs keep their level."""
