@@ -19,6 +19,7 @@ _STEFAN_BOLTZMANN = 5.670374419e-8  # W/(m2 K4), CODATA 2018
 _WALL_MM = 6.0  # of the metal, whose both sides lose heat: two or three tracks side by side
 _STEP_S = 10.0  # of the balance: losses change by less than a hundredth in it
 _MOST_WAIT_S = 7200.0  # for one layer
+_CHANGE_S = 10.0  # of a tool: what changers of such cells take from cut to cut, ways included; a plan knows no cell; choice
 _RAPID_MM_S = 100.0  # links without feed of their own
 
 
@@ -27,7 +28,7 @@ class HeatCourse:
     """The course of temperature over the layers as they are planned.
 
     temperature_k, mass_g : now   elapsed_s : since the first bead of the layer before   waited_s : in all
-    begins_k : per layer (number, K when it begins), first deposition only
+    begins_k : per layer (number, K when it begins), first deposition only   tool_mm : diameter of the cutter that is in, 0: the head
     """
 
     settings: Settings
@@ -37,6 +38,7 @@ class HeatCourse:
     waited_s: float = 0.0
     begins_k: list[tuple[int, float]] = field(default_factory=list)
     given_up: list[int] = field(default_factory=list)
+    tool_mm: float | None = None
 
     def __post_init__(self) -> None:
         ambient = self.settings.material.part_heat.ambient_k
@@ -52,6 +54,7 @@ class HeatCourse:
         """The layer with its first deposition put off until what stands is cool enough; the course goes on to its end."""
         operations = list(layer.operations)
         for number, operation in enumerate(operations):
+            self._change(operation)
             if operation.process.is_deposit and not self._is_begun(layer):
                 operations[number] = self._put_off(operation, layer.index)
             for step in operation.passes:
@@ -74,6 +77,13 @@ class HeatCourse:
                 "the plate does not lose its heat"
             )
         return told
+
+    def _change(self, operation: Operation) -> None:
+        """Time of a tool change, if one is due."""
+        tool_mm = operation.cutter_diameter_mm
+        if self.tool_mm is not None and tool_mm != self.tool_mm:
+            self._rest(_CHANGE_S)
+        self.tool_mm = tool_mm
 
     def _is_begun(self, layer: Layer) -> bool:
         return bool(self.begins_k) and self.begins_k[-1][0] == layer.index

@@ -20,6 +20,7 @@ from planner.toolpath.relief import Relief
 Floats = NDArray[np.float64]
 
 _LEAST_STRIP = 0.25  # of the step, half its width: a track on a narrower strip brings more than twice its metal
+_TOP_REACH = 0.25  # of the step: the core of a contour's bead begins there
 _LEAST_LINE = 0.3  # of the bead's width: shorter tracks are drops; their neighbours cover them
 
 
@@ -39,11 +40,10 @@ def infill_region(grown: MultiPolygon, bead: Bead, settings: Settings, is_top: b
     A track fills one step of width. The contours therefore account for as many steps from the edge of full height, and
     hatch ends there; its tracks overlap the contour's.
     is_top : under a finished face no next layer fills what the round ends of tracks leave between them and the contour;
-    hatch then runs on to the centreline of the innermost contour, and facing takes off what is too much.
+    hatch then runs on as far as no track lies over the contour's middle, and facing takes off what is too much.
     """
-    if is_top:
-        return inset(grown, 0.5 * bead.width_mm + (settings.recipe.contours - 1) * bead.step_mm)
-    return inset(grown, edge_mm(bead, settings) + settings.recipe.contours * bead.step_mm)
+    depth = edge_mm(bead, settings) + settings.recipe.contours * bead.step_mm
+    return inset(grown, depth - _TOP_REACH * bead.step_mm if is_top else depth)
 
 
 def hatch_angle(layer: int, settings: Settings) -> float:

@@ -18,6 +18,7 @@ from planner.nurbs.ruled import RuledSurface
 from planner.pipeline import plan
 from planner.plan import Plan, Process
 from planner.recipe import Recipe, load_recipe
+from planner.toolpath.pattern import TOP_DENSER
 from planner.toolpath.tops import TOP_RESERVE
 from tests.unit.planner.small_parts import box, frustum, tube
 
@@ -37,10 +38,8 @@ def test_pipe_lies_down_with_x_up_and_its_base_at_zero(pipe: Plan) -> None:
     assert np.allclose(pipe.bounds, [[-23.0, -23.0, 0.0], [23.0, 23.0, 11.0]], atol=1e-4)
 
 
-def test_pipe_has_all_kinds_of_operations_in_an_order_that_builds_it(pipe: Plan) -> None:
-    assert {operation.process for operation in pipe.operations} >= {
-        Process.DEPOSIT_CONTOUR, Process.DEPOSIT_FILL, Process.MILL_FACE, Process.MILL_SIDE,
-    }  # fmt: skip
+def test_pipe_is_spirals_and_milled_in_an_order_that_builds_it(pipe: Plan) -> None:
+    assert {operation.process for operation in pipe.operations} == {Process.DEPOSIT_CONTOUR, Process.MILL_FACE, Process.MILL_SIDE}
     assert [op.layer for op in pipe.operations] == sorted(op.layer for op in pipe.operations)
     last = [operation.process for operation in pipe.layers[-1].operations]
     assert last[-2:] == [Process.MILL_FACE, Process.MILL_SIDE]
@@ -70,12 +69,11 @@ def test_walls_join_bottom_and_top_of_every_layer(pipe: Plan) -> None:
 def test_volumes_add_up(pipe: Plan) -> None:
     volumes = pipe.volumes_mm3
     assert volumes["part"] == pytest.approx(8292.12, abs=0.1)
-    grown = np.pi * (23.6**2 - 16.4**2) * 11.0 * 1.08
-    reserve = np.pi * (23.6**2 - 16.4**2) * 11.0 / 14.0 * TOP_RESERVE
-    last = next(o for o in pipe.layers[-1].operations if o.process is Process.DEPOSIT_FILL)
-    strip = (0.62 - 0.31) * last.bead_width_mm  # by which the last hatch runs on, from a step off the wall to the contour
-    hatch = np.pi * strip * 2.0 * (23.6 + 16.4) * last.bead_height_mm
-    assert volumes["deposited"] == pytest.approx(grown + reserve + hatch, rel=2e-3)
+    below = np.pi * (23.6**2 - 16.4**2) * 11.0 * 13.0 / 14.0 * 1.08
+    last = next(o for o in pipe.layers[-1].operations if o.process.is_deposit)
+    edge = 0.5 * 0.62 * (1.0 - 1.0 / TOP_DENSER) * last.bead_width_mm  # denser beads' edge of full height lies so much farther inside
+    top = np.pi * ((23.6 - edge) ** 2 - (16.4 + edge) ** 2) * 11.0 / 14.0 * (1.08 + TOP_RESERVE) * TOP_DENSER
+    assert volumes["deposited"] == pytest.approx(below + top, rel=6e-3)
     assert volumes["milled"] == pytest.approx(volumes["deposited"] - volumes["part"])
 
 
@@ -91,7 +89,7 @@ def test_plan_does_not_depend_on_where_the_part_lies() -> None:
     assert [op.process for op in first.operations] == [op.process for op in second.operations]
     lengths = [sum(step.tip.length for op in p.operations for step in op.passes if not step.is_link) for p in (first, second)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.02)
-    assert first.volumes_mm3 == pytest.approx(second.volumes_mm3, rel=1e-6)
+    assert first.volumes_mm3 == pytest.approx(second.volumes_mm3, rel=5e-4)  # links between rounds begin at the nearest of sampled points
 
 
 def test_progress_names_the_stages_and_never_goes_back() -> None:

@@ -20,6 +20,7 @@ from planner.toolpath.centreline import thin_parts
 from planner.toolpath.contour import edge_mm
 from planner.toolpath.deposit import deposit_operations, grown_region
 from planner.toolpath.fitting import fitted_bead, fitted_stretches
+from planner.toolpath.pattern import TOP_DENSER
 from tests.unit.planner.small_parts import box, frustum, lit_points, tube
 
 QUICK = Recipe(layer_height_mm=0.8)
@@ -247,12 +248,13 @@ def test_levels_meet_flat_faces_and_eq1_areas_are_those_of_the_step() -> None:
     assert upper.overhang_mm2 == pytest.approx(4 * 12, rel=1e-9)
 
 
-def test_hatch_of_a_finished_top_runs_to_the_contours_centreline_and_no_other_hatch_does() -> None:
+def test_hatch_of_a_finished_top_runs_nearer_to_the_contours_middle_than_other_hatch_but_not_over_it() -> None:
     made = plan(box(30.0, 30.0, 1.6), QUICK)
     for layer, is_top in zip(made.layers, (False, True), strict=True):
         contour, fill = (o for o in layer.operations if o.process.is_deposit)
         outline = shapely.Polygon(lit_points(next(s for s in contour.passes if not s.is_link))[:, :2]).exterior
         ends = np.vstack([lit_points(s)[[0, -1], :2] for s in fill.passes if not s.is_link])
         away = shapely.distance(outline, shapely.points(ends))
-        short = 0.0 if is_top else 0.5 * Settings.from_recipe(QUICK).step_over * contour.bead_width_mm
+        step = Settings.from_recipe(QUICK).step_over * contour.bead_width_mm
+        short = 0.25 * step / TOP_DENSER if is_top else 0.5 * step  # a quarter of a step on either side is a bead's core
         assert np.abs(np.median(away) - short) < 0.02
