@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from config.cell import Cell, Tool, load_cell
+from config.material import load_material
 from planner.collide.clearance import Clearance
 from planner.errors import ReachError
 from planner.kinematics.chain import Chain, Floats
@@ -78,6 +79,7 @@ class Bench:
         self.guard = FieldGuard(self.chain, self.placed, distance)
         self.plan = plan_of([])
         self.counts = Counts()
+        self.deposition = load_material(self.plan.material).deposition
         self.tape = Tape(np.array([axis.home for axis in self.cell.axes]))
         self.posted: dict[int, Operation] = {}
 
