@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 import tomli_w
 
 from planner.compose.assembly import assemble
+from planner.compose.engaging import engagement_findings
 from planner.compose.gouging import gouge_findings
 from planner.compose.plate import on_plate
 from planner.decompose.direction import build_direction, build_frame
@@ -74,12 +75,13 @@ def plan(
 
 
 def _gouges(division: Division, layers: tuple[Layer, ...], body: Mesh, settings: Settings) -> list[str]:
-    """What milling cuts too deep, one line each."""
+    """What milling cuts too deep, one line each, and where its cutters stand in too much metal."""
     if not settings.is_milled:
         return []
     part = body.transformed(division.build_from_part)
     recipe = settings.recipe
-    return gouge_findings(division.pieces, layers, part, recipe.tolerance_mm, from_block=recipe.process == "mill")
+    deep = gouge_findings(division.pieces, layers, part, recipe.tolerance_mm, from_block=recipe.process == "mill")
+    return [*deep, *engagement_findings(layers, settings)]
 
 
 def recipe_text(recipe: Recipe) -> str:

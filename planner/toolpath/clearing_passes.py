@@ -14,6 +14,7 @@ from planner.nurbs.offset import inset, outset
 from planner.plan import Pass
 from planner.process import Settings
 from planner.toolpath.access import Access
+from planner.toolpath.engagement import eased, engagement_limit_rad
 from planner.toolpath.motion import Motion, joined, process_pass, straight
 
 Floats = NDArray[np.float64]
@@ -141,7 +142,9 @@ def _level(metal: MultiPolygon, keep: MultiPolygon, z: float, settings: Settings
         for ring in _rings(metal, near, settings)
         for path in _stretches(ring, reach)
     ]
-    return _chained(motions, metal, keep, settings)
+    limit = engagement_limit_rad(settings.material.milling.radial_depth_mm, radius)
+    waste = polygons(shapely.difference(metal, keep))
+    return eased(_chained(motions, metal, keep, settings), waste, radius, limit)
 
 
 def _stretches(ring: MultiPolygon, reach: MultiPolygon) -> list[Floats]:

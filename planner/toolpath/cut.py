@@ -19,7 +19,8 @@ from planner.toolpath.ball import Milled
 from planner.toolpath.ball_band import ball_milled, fillets, steps_of_missed
 from planner.toolpath.bands import Band
 from planner.toolpath.beside import Stands, blocked_mm, blocked_near, passes_beside, polygons
-from planner.toolpath.face import face_passes
+from planner.toolpath.engagement import eased, eased_round, engagement_limit_rad
+from planner.toolpath.face import face_passes, widest_step_mm
 from planner.toolpath.flank import flank_left
 from planner.toolpath.holder import stickout_mm
 from planner.toolpath.left import Left, left_by_cutter, left_findings
@@ -62,11 +63,12 @@ def face_operation(
     """
     depth = settings.material.milling.axial_depth_mm
     cuts = max(1, -int(-(above_mm - 1e-9) // depth))
-    passes: list[Pass] = []
+    radius, passes = settings.cutter_radius_mm, list[Pass]()
+    limit = engagement_limit_rad(widest_step_mm(settings), radius)
     for cut in range(cuts):
         z = layer.z_top + (cuts - cut - 1) * above_mm / cuts
         blocked = stands(z, settings) if stands is not None else MultiPolygon()
-        passes.extend(face_passes(metal, z, settings, blocked))
+        passes.extend(eased(face_passes(metal, z, settings, blocked), metal, radius, limit))
     return _milled(Process.MILL_FACE, layer.index, passes, settings, note) if passes else None
 
 
@@ -83,9 +85,9 @@ def faced(
     left : gets what neither reaches.
     """
     first = face_operation(metal, layer, above_mm, settings, stands=stands)
-    if stands is None or stands(layer.z_top, settings).is_empty:
-        return [] if first is None else [first]
     done = [] if first is None else [first]
+    if stands is None or stands(layer.z_top, settings).is_empty:
+        return done
     rest = _unfaced(metal, first, settings)
     small = settings.with_small_cutter()
     if small is not None and rest.area > _CRUMB_MM2:
@@ -154,14 +156,8 @@ def side_operations(
 
 
 def _milled(process: Process, layer: int, passes: list[Pass], settings: Settings, note: str) -> Operation:
-    return Operation(
-        process,
-        layer,
-        tuple(passes),
-        cutter_diameter_mm=settings.cutter_diameter_mm,
-        spindle_rpm=settings.spindle_rpm,
-        note=note,
-    )
+    diameter, rpm = settings.cutter_diameter_mm, settings.spindle_rpm
+    return Operation(process, layer, tuple(passes), cutter_diameter_mm=diameter, spindle_rpm=rpm, note=note)
 
 
 def _upright_passes(
@@ -183,6 +179,7 @@ def _upright_passes(
     passes, is_sunk = _lowered(
         lambda z: passes_beside(band.region, z, excess_mm, settings, stands), band, below, sunk, settings
     )
+    passes = eased_round(passes, band.region, excess_mm, settings)
     rest = [] if small is None else _rest_passes(band, below, excess_mm, sunk, settings, small, stands)
     passes += _stepped_passes(band, excess_mm, settings, stands)
     if not is_sunk:

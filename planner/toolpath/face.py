@@ -25,13 +25,18 @@ _NOWHERE = MultiPolygon()
 _LEFT_MM2 = 1e-3  # metal that may be left uncovered: rounding of the offsets
 
 
+def widest_step_mm(settings: Settings) -> float:
+    """Between neighbouring rings of facing: the material's, and no more than leaves no ridge."""
+    return min(settings.material.milling.face_step_over, _WIDEST_STEP) * settings.cutter_diameter_mm
+
+
 def face_rings(metal: MultiPolygon, settings: Settings) -> list[MultiPolygon]:
     """Regions whose outlines the cutter's centre follows so that all metal is swept, outermost first.
 
     metal : what stands, bulge of the beads included, mm.
     """
     diameter = settings.cutter_diameter_mm
-    step = min(settings.material.milling.face_step_over, _WIDEST_STEP) * diameter
+    step = widest_step_mm(settings)
     rings: list[MultiPolygon] = []
     for share in _FIRST_RINGS:
         rings, depth = [], share * diameter

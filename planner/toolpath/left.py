@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import shapely
 from shapely import MultiPolygon
 
 from planner.process import Settings
-from planner.toolpath.side import places, unreached
+from planner.toolpath.side import DRAWN_IN_MM, places, unreached
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,8 @@ class Left:
     """What side milling leaves in one band.
 
     kind : "closed", "corners", "beside", "unfaced", "flank", "fillets", "cusps" or "none"
-    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm²; of "flank" and "fillets" how far the cutter is off, mm.
+    volume_mm3 : of the metal; of "beside" and "unfaced" the area, mm²; of "flank" and "fillets" how far the cutter is off, mm
+    radius_mm : of the cutter that leaves it; 0: the usual one   width_mm : of "closed" the widest circle that has room in any of it.
     """
 
     kind: str
@@ -24,16 +26,24 @@ class Left:
     place: str
     count: int
     volume_mm3: float
+    radius_mm: float = 0.0
+    width_mm: float = 0.0
 
 
 def left_by_cutter(region: MultiPolygon, z_bottom: float, z_top: float, settings: Settings) -> list[Left]:
     """What an end mill does not reach in a region's holes, slots and inside corners between two heights, mm."""
-    left = unreached(region, settings.cutter_radius_mm)
+    radius = settings.cutter_radius_mm
+    left = unreached(region, radius)
     return [
-        Left(kind, z_bottom, z_top, places(area), len(area.geoms), area.area * (z_top - z_bottom))
+        Left(kind, z_bottom, z_top, places(area), len(area.geoms), area.area * (z_top - z_bottom), radius, _width(area))
         for kind, area in (("closed", left.closed), ("corners", left.corners))
         if area.geoms
     ]
+
+
+def _width(area: MultiPolygon) -> float:
+    """Diameter of the largest circle in any piece of a region, mm, with what its outline was drawn in by."""
+    return max(2.0 * (float(shapely.maximum_inscribed_circle(piece, 0.01).length) + DRAWN_IN_MM) for piece in area.geoms)
 
 
 def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = False) -> list[str]:
@@ -44,14 +54,14 @@ def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = Fals
     runs: dict[str, list[list[Left]]] = {}
     for item in left:
         known = runs.setdefault(item.kind, [])
-        if known and abs(known[-1][-1].z_top - item.z_bottom) < 1e-6:
+        touches = known and abs(known[-1][-1].z_top - item.z_bottom) < 1e-6
+        if touches and known[-1][-1].radius_mm == item.radius_mm:
             known[-1].append(item)
         else:
             known.append([item])
-    diameter = settings.cutter_diameter_mm
     words = {
-        "closed": f"holes or slots are narrower than the cutter (D {diameter:g} mm) and stay unmilled",
-        "corners": f"inside corners keep the cutter's radius {0.5 * diameter:g} mm",
+        "closed": "holes or slots are narrower than the cutter (D {cutter:g} mm) and stay unmilled, the widest {width:.2f} mm",
+        "corners": "inside corners keep the cutter's radius {radius:g} mm",
         "flank": "the flank on a twisted wall cuts into it",
         "fillets": "inside corners keep the ball's radius "
         f"{0.5 * (settings.recipe.ball_cutter_diameter_mm or 0.0):g} mm",
@@ -60,14 +70,20 @@ def left_findings(left: list[Left], settings: Settings, *, by_layer: bool = Fals
         "unfaced": "what stands beside keeps the facing cutter away",
         "none": "the cutter reaches no wall: side milling left out",
     }
-    return [_left_line(run, words[kind], by_layer) for kind, found in runs.items() for run in found]
+    lines = []
+    for kind, found in runs.items():
+        for run in found:
+            radius = run[0].radius_mm or settings.cutter_radius_mm
+            width = max(item.width_mm for item in run)
+            lines.append(_left_line(run, words[kind].format(cutter=2.0 * radius, radius=radius, width=width), by_layer))
+    return lines
 
 
 def _left_line(run: list[Left], words: str, by_layer: bool) -> str:
     height = f"z {run[0].z_bottom:.2f}-{run[-1].z_top:.2f} mm"
     if by_layer:
         height = f"layers {run[0].z_bottom:.0f}-{run[-1].z_top - 1.0:.0f}"
-    most = max(item.count for item in run)
+    fullest = max(run, key=lambda item: item.count)
     if run[0].kind == "unfaced":
         return f"{height}: {words}: {max(item.volume_mm3 for item in run):.1f} mm² of a top stay as deposited, at {run[-1].place} mm"
     if run[0].kind == "flank":
@@ -77,7 +93,8 @@ def _left_line(run: list[Left], words: str, by_layer: bool) -> str:
         return f"{height}: {words}: the ball stays up to {most_off.volume_mm3:.2f} mm off its place at {most_off.place} mm"
     if run[0].kind == "beside":
         return f"{height}: {words}: {sum(item.volume_mm3 for item in run):.0f} mm² of it stay as deposited"
-    if not most:
+    if not fullest.count:
         return f"{height}: {words}"
     volume = sum(item.volume_mm3 for item in run)
-    return f"{height}: {most} {words}, {volume:.1f} mm³, first at {run[0].place} mm"
+    which = "at" if fullest.count <= 3 else "the first three at"
+    return f"{height}: {fullest.count} {words}, {volume:.1f} mm³, {which} {fullest.place} mm"

@@ -19,7 +19,9 @@ from planner.process import Settings, block_allowance_mm
 from planner.recipe import Recipe
 from planner.slicing.regions import LayerRegion, united
 from planner.slicing.slicer import slice_mesh
+from planner.toolpath.beside import polygons
 from planner.toolpath.contour import PATH_TOLERANCE_MM
+from planner.toolpath.engagement import eased, engagement_limit_rad
 from planner.toolpath.face import entry_point
 from planner.toolpath.motion import joined, lifted, process_pass, straight
 from planner.toolpath.order import Finished, Sequence
@@ -135,18 +137,20 @@ def _slab(metal: MultiPolygon, keep: MultiPolygon, z: float, layer: int, setting
 
 
 def rough_passes(metal: MultiPolygon, keep: MultiPolygon, z: float, settings: Settings) -> list[Pass]:
-    """Rings at radial steps round what stays, outside in, as far as they meet the stock.
+    """Rings at radial steps round what stays, outside in, as far as they meet the stock; slower where these meet too much.
 
     metal : the stock's section, mm   keep : what must stand, mm. Without anything to keep: rings inside the stock.
     """
     radius, step = settings.cutter_radius_mm, settings.material.milling.radial_depth_mm
+    limit = engagement_limit_rad(step, radius)
+    waste = polygons(shapely.difference(metal, keep))
     reach = outset(metal, radius, 0.01)
     if keep.is_empty:
         rings, depth = [], 0.0
         while not (ring := inset(metal, depth, 0.01)).is_empty:
             rings.append(ring)
             depth += step
-        return _ring_passes(rings, reach, metal, z, settings)
+        return eased(_ring_passes(rings, reach, metal, z, settings), waste, radius, limit)
     rings = []
     leave = _FINISH_MM
     while True:
@@ -155,7 +159,7 @@ def rough_passes(metal: MultiPolygon, keep: MultiPolygon, z: float, settings: Se
             break
         rings.append(ring)
         leave += step
-    return _ring_passes(rings[::-1], reach, metal, z, settings)
+    return eased(_ring_passes(rings[::-1], reach, metal, z, settings), waste, radius, limit)
 
 
 def _ring_passes(

@@ -19,6 +19,7 @@ from planner.toolpath.motion import Motion, joined, lifted, process_pass, quarte
 Floats = NDArray[np.float64]
 
 _FINISH_SHARE = 0.2  # of the radial depth: what roughing leaves for the finishing pass
+DRAWN_IN_MM = 0.02  # by which what a cutter leaves is drawn in from the walls: rounding of offsets
 PAST_START_MM = 1.0  # how far a closed pass runs past its start, so that no witness mark stands
 _LEAST_CORNER_MM2 = 0.02  # metal left in an inside corner that is worth a word
 _STRETCH_MM = 0.2  # between places at which a cut all round is asked whether it is free
@@ -52,7 +53,7 @@ class Unreached:
 def unreached(region: MultiPolygon, radius_mm: float) -> Unreached:
     """Where a cutter of this radius cannot touch the outline of a region from outside."""
     free = outset(region, radius_mm, 0.005)
-    left = shapely.difference(shapely.buffer(free, -radius_mm, quad_segs=64), shapely.buffer(region, 0.02))
+    left = shapely.difference(shapely.buffer(free, -radius_mm, quad_segs=64), shapely.buffer(region, DRAWN_IN_MM))
     closed: list[Polygon] = []
     corners: list[Polygon] = []
     for piece in shapely.get_parts(left):

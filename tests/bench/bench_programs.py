@@ -165,8 +165,9 @@ def _program_row(
 
 def _passes(rows: list[list[str | int | float]]) -> Table:
     columns = [
-        "part", "layers", "passes", "deposited / wanted at worst", "widest void, beads", "laid double %", "deepest gouge mm", "greatest engagement deg", "least clearance mm",
-        "rotary travel deg", "point by point deg", "leaves its travel by deg", "what is nearest",
+        "part", "layers", "passes", "deposited / wanted at worst", "widest void, beads", "laid double %", "deepest gouge mm",
+        "greatest engagement deg", "least clearance mm", "rotary travel deg", "point by point deg",
+        "leaves its travel by deg", "what is nearest",
     ]  # fmt: skip
     note = (
         f"On {CELL}. Balance and voids: of level layers by their beads. Gouge: swept cutters against the part as built by then, looked to {LOOK_MM} "
