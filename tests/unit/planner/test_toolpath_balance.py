@@ -17,6 +17,7 @@ from planner.plan import Pass
 from planner.process import Settings
 from planner.recipe import FillRegion, Recipe
 from planner.toolpath.balance import LayerBalance, balance_of, lit_beads
+from planner.toolpath.books import books_findings
 from planner.toolpath.contour import edge_mm
 from planner.toolpath.islands import MOST_TRAVEL, islands_in_order, travel_mm
 from planner.toolpath.pattern import part_passes
@@ -169,3 +170,22 @@ def test_ring_laid_in_the_twin_is_as_high_as_its_layer_everywhere_between_its_wa
     heights = np.array([height(stock, x, y, 2.4) for x, y in places])
     assert heights.mean() == pytest.approx(2.0 * bead.height_mm, rel=0.06)
     assert heights.min() > 1.3 * bead.height_mm  # no groove reaches down to the layer below
+
+
+@pytest.mark.parametrize("hollow", [False, True])
+def test_beads_under_a_finished_face_bring_more_metal_without_lying_double(hollow: bool) -> None:
+    part = disc(12.0).difference(disc(4.0)) if hollow else disc(12.0)
+    asked = settings_of()
+    bead = asked.bead_for(HEIGHT_MM)
+    rings, fill = part_passes(part, 0.0, 0, bead, asked, is_top=True)
+    books = balance_of(inset(part, edge_mm(bead, asked)), lit_beads([*rings, *fill], asked), bead.height_mm, asked)
+    assert 1.15 < books.ratio < 1.4 and books.void_beads == 0.0
+    assert books.double_share < 0.03
+
+
+def test_layers_off_balance_are_one_finding_and_tops_are_not_among_them() -> None:
+    books = [LayerBalance(0, 100.0, 101.0, 0.0, 2.0, 0.0), LayerBalance(1, 100.0, 104.0, 0.3, 2.0, 0.0)]
+    books.append(LayerBalance(2, 100.0, 125.0, 0.0, 2.0, 0.0, True))
+    [line] = books_findings(books, [], settings_of())
+    assert "1 layer has more than 2 %" in line and "1.040 times (layer 1" in line and "0.15 bead (layer 1)" in line
+    assert books_findings(books[:1], [], settings_of()) == []
