@@ -21,6 +21,7 @@ from drivers.cnc.events import Status
 from planner.program import Channel, LineKind, Program
 
 GATE_WORD = re.compile(r"M6([23])\s*P(\d+)")
+COMMENT = re.compile(r"\([^)]*\)|;.*")
 TOOL_WORD = re.compile(r"T(\d+)")
 IDLE_TIMEOUT_S = 5.0
 EXPECT_PERIODS = 2.5  # status periods for which motion is taken for granted after a release with the gate shut
@@ -45,7 +46,7 @@ def gate_of_lines(program: Program) -> NDArray[np.bool_]:
     marks: list[tuple[int, bool]] = []
     if program.gate == "stream":
         for index, line in enumerate(program.lines):
-            if "M6" in line and (found := GATE_WORD.search(line)):
+            if "M6" in line and (found := GATE_WORD.search(COMMENT.sub("", line))):
                 marks.append((index, found.group(1) == "2"))
     else:
         rows = program.schedule[program.schedule["channel"] == Channel.EMISSION]
@@ -86,7 +87,7 @@ class Run:
         self._released = 0
         self._answered_at = -1.0
         tools = np.flatnonzero(program.table["kind"] == LineKind.TOOL)
-        found = ((int(i), TOOL_WORD.search(program.lines[int(i)])) for i in tools)
+        found = ((int(i), TOOL_WORD.search(COMMENT.sub("", program.lines[int(i)]))) for i in tools)
         self._tools = [(i, int(word.group(1))) for i, word in found if word]
         self._latency_s = {
             name: client.device.latency_s

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -145,3 +147,12 @@ def test_a_place_beside_a_half_circle_is_behind_its_start_or_beyond_its_end() ->
     assert fraction_of_arc(start, end, 1.0, np.array([1.0, -0.01])) == 0.0
     assert fraction_of_arc(start, end, 1.0, np.array([-1.0, -0.01])) == 1.0
     assert fraction_of_arc(start, end, -1.0, np.array([0.0, -2.0])) == pytest.approx(0.5)
+
+
+def test_words_in_a_comment_open_no_gate() -> None:
+    given = post(plan_of([contour_operation(0)]), load_cell("trunnion_tcp"))
+    gate = gate_of_lines(given)
+    dark = int(np.flatnonzero(~gate)[0])
+    lines = list(given.lines)
+    lines[dark] = f"N{dark + 1} (part M62 P0 T2)"
+    assert np.array_equal(gate_of_lines(replace(given, lines=tuple(lines))), gate)
