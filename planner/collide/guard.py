@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from operator import is_
 
 import numpy as np
@@ -113,7 +114,7 @@ class Guard:
 
     def hits(self, found: Clearance) -> Bools:
         """(n,) bool: poses in which something is hit: bodies are deeper in each other than contact, or in the part than its points tell."""
-        is_part = np.array([*(pair[1] == PART for pair in found.names), False])[found.pairs]
+        is_part = _are_part(found.names)[found.pairs]
         return np.asarray(found.mm < np.where(is_part, -max(PART_MM, self.contact_mm), -self.contact_mm))
 
     def note(self, found: Clearance) -> None:
@@ -198,3 +199,9 @@ def _cutting_end(tool: Tool) -> tuple[float, float, float]:
     radius = 0.5 * tool.diameter_mm
     edge = radius if tool.kind == "ball_mill" else min(tool.corner_radius_mm, radius)
     return radius, edge, min(tool.flute_length_mm or tool.stickout, tool.stickout)
+
+
+@lru_cache(maxsize=256)
+def _are_part(names: tuple[tuple[str, str], ...]) -> Bools:
+    """(k + 1,) bool: pairs of which the second is the part; the last, of no pair, is not."""
+    return np.array([*(pair[1] == PART for pair in names), False])

@@ -67,7 +67,7 @@ def barrier_waits_s(entries: Sequence[Entry], cell: Cell) -> float:
     for entry in entries:
         value = entry.value
         if entry.channel == Channel.POWDER_G_MIN:
-            if entry.is_barrier and value != powder:
+            if entry.is_barrier and abs(value - powder) > _STEADY * value:  # what is steady already waits for nothing
                 waited += response.powder_delay_s + _settling(powder, value, _STEADY * value, response.powder_settle_s)
             powder = value
         elif entry.channel == Channel.MODE and value != _MODE_DEPOSIT:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from config.cell import Cell
@@ -39,8 +40,12 @@ def is_off(level: Floats, planned: Floats, share: Floats, time_s: Floats, floor:
     return _grows(given - (1.0 + OFF) * wanted, slack) | _grows((1.0 - OFF) * wanted - given, slack)
 
 
+@njit(cache=True)
 def _grows(step: Floats, slack: float) -> Bools:
     """(n,) bool: whether the sum over some stretch that ends here is above the slack."""
-    total = np.cumsum(step)
-    least = np.minimum.accumulate(np.append(0.0, total[:-1]))
-    return np.asarray(total - least > slack + 1e-9)
+    found = np.zeros(len(step), dtype=np.bool_)
+    most = 0.0  # of the sums over stretches that end before here; an empty one is nought
+    for i in range(len(step)):
+        most = max(most, 0.0) + step[i]
+        found[i] = most > slack + 1e-9
+    return found

@@ -10,7 +10,6 @@ import numpy as np
 
 from config import ConfigError
 from config.cell import Tool
-from config.material import load_material
 from planner.errors import PostError, ReachError
 from planner.kinematics.limits import excess
 from planner.plan import Operation
@@ -215,7 +214,7 @@ class _Work:
         if not self._operation.process.is_deposit:
             return Bounds(0.0, up, 0.0, margin_mm)
         try:
-            facts = load_material(plan.material).deposition
+            facts = self._sequencer.deposition
         except ConfigError as error:
             raise PostError(f"cone of {plan.material}: {error.message}", error.hint) from None
         return Bounds(facts.cone_deg, up, facts.max_tilt_deg, margin_mm)

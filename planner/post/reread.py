@@ -84,7 +84,8 @@ def check(
         place = f"pass {index} of operation {number}"
         curve = PassCurve(item, program.machine_from_build, place)
         fit = [tool.number for tool in tools_for(operations[number], cell)]
-        if not np.isin(reading.tool[lines], fit).all():
+        tools = reading.tool[lines]
+        if tools[0] not in fit or np.any(tools != tools[0]):
             faults.append(f"{place}: another tool is in")
         errors = _geometry(paths[0][:, group], paths[1][:, group], table, lines, curve)
         ratio = _feed_ratio(paths[0][:, group], reading, table, lines, item, curve, rounding_mm)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from config.cell import Cell, Tool
-from config.material import load_material
+from config.material import Deposition, load_material
 from planner.collide.guard import Guard
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.limits import check_travel, excess
@@ -74,6 +75,11 @@ class Sequencer:
     def solver(self, tool: Tool) -> PoseSolver:
         """The poses of a tool."""
         return self._solvers.setdefault(tool.number, PoseSolver(self.chain, self.cell, np.array(tool.tip_mm)))
+
+    @cached_property
+    def deposition(self) -> Deposition:
+        """What the plan's material takes. Raises ConfigError."""
+        return load_material(self.plan.material).deposition
 
     def run(self) -> Tape:
         """The whole tape. Raises PostError, TravelLimitError or ReachError."""
@@ -255,9 +261,8 @@ class Sequencer:
         times = item_times(items, self.cell, waits)
         self.speed = actual_speed(items, times, self.posted)
         if self.state.emissions:
-            window = load_material(self.plan.material).deposition
             starts = np.append(0.0, np.cumsum(times))[:-1]
-            found = tracked(self.tape.entries, self.state.emissions, self.speed, starts, self.cell, window)
+            found = tracked(self.tape.entries, self.state.emissions, self.speed, starts, self.cell, self.deposition)
             self.tape.entries = sorted(found, key=lambda entry: entry.item)
 
     def _check_travel(self, curves: list[PassCurve], moves: LinearOperation) -> None:
