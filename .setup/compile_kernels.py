@@ -1,4 +1,4 @@
-"""Compiles the numeric kernels and keeps the machine code: small parts planned in each layer rule and along a bend, one posted and proved."""
+"""Compiles the numeric kernels and keeps the machine code: small parts planned in each layer rule and along a bend, posted, one proved."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ def main() -> None:
     block = Mesh.from_trimesh(trimesh.creation.box((12.0, 8.0, 2.0)))
     for rule in ("extruded", "ruled"):
         planner.plan(block, Recipe(process="deposit", layer_rule=rule, fit="facets"))
-    planner.plan(elbow(), Recipe(process="deposit"))
+    bent = planner.plan(elbow(), Recipe(process="deposit"))
+    for dialect in ("grblhal", "linuxcnc", "siemens"):
+        planner.post(bent, cell, dialect=dialect)
+    planner.plan(body, Recipe(tolerance_mm=0.2, layer_height_mm=0.8, ball_cutter_diameter_mm=6.0))
     print(f"setup: kernels compiled in {time.monotonic() - started:.0f} s")
 
 
