@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,7 +147,7 @@ def _blocks(rows: Ints, is_end: Bools) -> list[slice]:
     """Slices of the rows, each up to an end and with it."""
     cuts = np.flatnonzero(is_end[rows]) + 1
     edges = np.unique(np.concatenate([[0], cuts, [len(rows)]]))
-    return [slice(int(begin), int(end)) for begin, end in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(int(begin), int(end)) for begin, end in itertools.pairwise(edges)]
 
 
 def de_boor(points: Floats, weights: Floats, order: int, u: Floats) -> Floats:
