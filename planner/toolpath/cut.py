@@ -218,7 +218,8 @@ def _rest_passes(
         free = polygons(shapely.difference(beside, blocked))
         return stretch_passes(band.region, free, z, excess_mm, small)
 
-    return _lowered(beside_at, band, below, sunk, small)[0]
+    limit = engagement_limit_rad(small.material.milling.radial_depth_mm, small.cutter_radius_mm)
+    return eased(_lowered(beside_at, band, below, sunk, small)[0], missed, small.cutter_radius_mm, limit)
 
 
 def _stepped_passes(band: Band, excess_mm: float, settings: Settings, stands: Stands | None) -> list[Pass]:
