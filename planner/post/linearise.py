@@ -116,7 +116,8 @@ def _sampled(
 ) -> tuple[Rows, Poses, Bools]:
     """Samples of the passes, near enough that the machine's straight way between them is the pass; which have to be met exactly."""
     places = [curve.place for curve in curves]
-    samples = [_Samples.of(curve, *curve.first_parameters(_SAMPLE_SHARE * tip_tolerance_mm)) for curve in curves]
+    longest_mm = 4.0 * _SAMPLE_SHARE * tip_tolerance_mm / np.deg2rad(axis_tolerance_deg)
+    samples = [_first_samples(curve, tip_tolerance_mm, longest_mm) for curve in curves]
     for _ in range(_MAX_HALVINGS):
         rows = _joined(curves, samples)
         poses = solver.solve(rows, start, places)
@@ -132,6 +133,26 @@ def _sampled(
         f"axis {letter} would have to jump within {places[int(rows.pass_[wide[0]])]}",
         "the tool axis passes a singular pose or the end of a travel: turn the part on the table (placement.rotation_deg)",
     )
+
+
+def _first_samples(curve: PassCurve, tip_tolerance_mm: float, longest_mm: float) -> _Samples:
+    """Samples of a pass before any pose is known.
+
+    longest_mm : between samples of a pass whose axis may turn. A move whose end is off in its rotary joints by an angle bows by a
+    quarter of that angle times its length, which samples at its ends alone would not see.
+    """
+    parameter, is_fixed = curve.first_parameters(_SAMPLE_SHARE * tip_tolerance_mm)
+    if curve.has_constant_axis:
+        return _Samples.of(curve, parameter, is_fixed)
+    arcs = curve.arc_length(parameter)
+    counts = np.maximum(np.ceil(np.diff(arcs) / longest_mm), 1.0).astype(np.int64)
+    place = np.repeat(np.arange(len(counts)), counts)
+    share = (np.arange(len(place)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[place]
+    inner = share > 0.0
+    more = curve.at_arc_length(arcs[place[inner]] + share[inner] * np.diff(arcs)[place[inner]])
+    order = np.argsort(np.concatenate([parameter, more]), kind="stable")
+    every = np.concatenate([parameter, more])[order]
+    return _Samples.of(curve, every, np.concatenate([is_fixed, np.zeros(len(more), dtype=np.bool_)])[order])
 
 
 def _moves(sampled: Sampled) -> tuple[Floats, Floats, Floats]:

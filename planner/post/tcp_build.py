@@ -16,6 +16,7 @@ from planner.post.tcp_blocks import BLOCK_DTYPE, Blocks, Command, Say, What, mea
 from planner.post.tcp_feed import pass_feeds
 from planner.post.tcp_job import Job
 from planner.post.tcp_pass import Control, Floats, Spline, samples, splines, straight
+from planner.post.tcp_rotary import turned_to
 from planner.program import Channel
 
 Ints = NDArray[np.int64]
@@ -250,6 +251,8 @@ class Builder:
         rows["time_s"][follows] = np.interp(ends, at, reached) - np.interp(starts, at, reached)
         for column in range(joints.shape[1]):
             rows["joints"][follows, column] = np.interp(ends, at, joints[:, column])
+        if self._control.tells_rotary:
+            rows["joints"][follows] = turned_to(self._job.chain, rows["axis_end"][follows], rows["joints"][follows])
 
     def _said(self, begin: int, end: int) -> _Said:
         """What the tape says within a pass, by arc length."""

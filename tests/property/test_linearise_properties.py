@@ -111,6 +111,26 @@ def test_the_true_tip_and_axis_stay_within_tolerance_of_a_random_pass_and_its_en
     assert np.all(np.diff(moves.rows.arc_mm) > 0.0)
 
 
+@pytest.mark.parametrize("name", CELLS)
+def test_a_long_straight_way_before_a_turn_does_not_bow(name: str) -> None:
+    """A move that ends a little turned bows by a quarter of that angle times its length: more than the tolerance of a fine cell."""
+    tip = Curve.from_polyline(np.array([[30.0, 20.0, 1.0], [30.0, 60.0, 41.0], [30.0, 60.0, 42.0]]))
+    lean = np.deg2rad(25.0)
+    turning = np.array(
+        [[np.sin(lean), 0.0, np.cos(lean)], [np.sin(lean), 0.0, np.cos(lean)], [0.0, np.sin(lean), np.cos(lean)]]
+    )
+    placed = np.eye(4)
+    placed[:3, 3] = (5.0, -3.0, -400.0)
+    rows = np.array([[0.0, 10.0, 0.0, 0.0, 0.0]])
+    curve = PassCurve(Pass(tip, Curve(1, tip.knots, turning), rows), placed, "a way up that turns at its end")
+    cell = cell_of(name)
+    chain, tool = Chain.from_cell(cell), np.array(cell.tools[1].tip_mm)
+    fine_mm = 0.3 * TIP_MM
+    moves = linearise([curve], PoseSolver(chain, cell, tool), np.zeros(5), fine_mm, AXIS_DEG)
+    off_tip, off_axis = off_dense(curve, moves, chain, tool)
+    assert off_tip <= fine_mm and off_axis <= AXIS_DEG
+
+
 @settings(max_examples=8, deadline=None)
 @given(SEEDS, st.sampled_from(CELLS))
 def test_arcs_stay_within_tolerance_of_a_random_planar_pass_with_what_the_firmware_adds(seed: int, name: str) -> None:

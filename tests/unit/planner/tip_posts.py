@@ -122,7 +122,7 @@ def bead_pass(tip: Curve) -> Plan:
         [third, FEED_MM_S, LASER_W, POWDER, GAS],
         [2.0 * third, 8.0, 0.0, POWDER, GAS],
     ]
-    passes = (link([*start, 0, 0, 6.0], start), Pass(tip, UP, np.array(rows)), link(end, [*end, 0, 0, 6.0]))
+    passes = (link(start + 6.0 * UP, start), Pass(tip, UP, np.array(rows)), link(end, end + 6.0 * UP))
     return plan_of([Operation(Process.DEPOSIT_CONTOUR, 0, passes, bead_width_mm=2.0)])
 
 
