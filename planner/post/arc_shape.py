@@ -38,9 +38,3 @@ def arc_points(start: Floats, end: Floats, bulge: Floats, share: Floats) -> Floa
     along = np.where(bent, np.sin(0.5 * share * sweep) * np.cos(0.5 * (1.0 - share) * sweep) / safe, share)
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
     return np.asarray(start + along[:, None] * chord + across[:, None] * right)
-
-
-def arc_words(start: Floats, end: Floats, bulge: float) -> tuple[bool, float, float]:
-    """Whether an arc is clockwise (G2), and I and J: its centre from its start, mm.  start, end : (2,) float"""
-    centre = arc_centres(start[None, :], end[None, :], np.array([bulge]))[0] - start
-    return bulge < 0.0, float(centre[0]), float(centre[1])

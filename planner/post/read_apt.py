@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from planner.post.reading import How, Reading, Signals, State, unread
+from planner.post.reading import How, Reading, Signals, State, read_lines, unread
 
 _STATEMENT = re.compile(r"([A-Z]+)(?:/(.*))?")
 _FEED = re.compile(r"(\d*\.?\d+),MMPM")
@@ -77,7 +77,4 @@ class _Reader:
 
 def read(lines: Sequence[str], letters: Sequence[str], signals: Signals) -> Reading:
     """Motions of a program; letters do not matter. Raises PostError with the statement that cannot be read."""
-    reader = _Reader(signals)
-    for index, text in enumerate(lines):
-        reader.line(index, text)
-    return reader.finish(lines)
+    return read_lines(_Reader(signals), lines)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from planner.post.read_nurbs import ReadCurve
-from planner.post.reading import NAN3, How, Reading, Signals, State, unread
+from planner.post.reading import NAN3, How, Reading, Signals, State, read_lines, unread
 
 _WORD = re.compile(r"([A-Z])([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _NUMBER = re.compile(r"N(\d+) (.*)")
@@ -186,7 +186,4 @@ class _Reader:
 
 def read(lines: Sequence[str], letters: Sequence[str], signals: Signals) -> Reading:
     """Motions of a program. Raises PostError with the line that cannot be read."""
-    reader = _Reader(letters, signals)
-    for index, text in enumerate(lines):
-        reader.line(index, text)
-    return reader.finish(lines)
+    return read_lines(_Reader(letters, signals), lines)

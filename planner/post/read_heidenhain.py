@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from planner.post.reading import NAN3, How, Reading, Signals, State, unread
+from planner.post.reading import NAN3, How, Reading, Signals, State, read_lines, unread
 
 _BLOCK = re.compile(r"(\d+) (.*)")
 _PROGRAM = re.compile(r"(BEGIN|END) PGM ([A-Z][A-Z0-9_]*) MM")
@@ -122,7 +122,4 @@ class _Reader:
 
 def read(lines: Sequence[str], letters: Sequence[str], signals: Signals) -> Reading:
     """Motions of a program. Raises PostError with the block that cannot be read."""
-    reader = _Reader(letters, signals)
-    for index, text in enumerate(lines):
-        reader.line(index, text)
-    return reader.finish(lines)
+    return read_lines(_Reader(letters, signals), lines)

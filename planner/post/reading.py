@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from string import Formatter
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,6 +176,25 @@ def _pattern(text: str) -> re.Pattern[str]:
         elif name is not None:
             parts.append(".*")
     return re.compile("".join(parts))
+
+
+class LineReader(Protocol):
+    """Modal state of one dialect: takes line after line, then says what they were."""
+
+    def line(self, index: int, text: str) -> None:
+        """Take a line in. Raises PostError if it cannot be read."""
+        ...
+
+    def finish(self, lines: Sequence[str]) -> Reading:
+        """All of it. Raises PostError if the program does not end."""
+        ...
+
+
+def read_lines(reader: LineReader, lines: Sequence[str]) -> Reading:
+    """Motions of a program, line by line. Raises PostError with the line that cannot be read."""
+    for index, text in enumerate(lines):
+        reader.line(index, text)
+    return reader.finish(lines)
 
 
 def unread(line: int, text: str, because: str = "") -> PostError:

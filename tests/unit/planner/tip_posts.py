@@ -132,6 +132,14 @@ def quarter_circle(radius: float) -> Curve:
     return Curve(2, np.array([0.0, 0, 0, 1, 1, 1]), points, np.array([1.0, np.sqrt(0.5), 1.0]))
 
 
+def assert_is_the_plan(dialect: str, cell: str) -> None:
+    """The hand-made job, written for a cell and read back: no faults, tip and axis within the cell's tolerances."""
+    made = hybrid(dialect, cell)
+    report = made.read()
+    assert not report.faults
+    assert report.max_tip_mm <= made.cell.chord_tolerance_mm and report.max_axis_deg <= made.cell.axis_tolerance_deg
+
+
 def assert_noticed(name: str, changed: Posted) -> None:
     if not changed.is_noticed():
         pytest.fail(f"nobody noticed {name}")
