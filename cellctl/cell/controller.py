@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from cellctl.cell.behaviour import STEPS
+from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import Modes
 from cellctl.cell.quiesce import Quiesce
 from cellctl.cell.record import END, PROGRESS, SAMPLE, Found, Journal, Sample
-from cellctl.cell.safety import LaserHand, Senses, Situation, Told
+from cellctl.cell.safety import Senses, Situation, Told
 from cellctl.cell.stream import Run
 from cellctl.cell.tip import TipFinder
 from cellctl.cell.transaction import StepFailedError, Transaction

@@ -1,10 +1,11 @@
-"""The safety tick's senses and its hand on the laser: levels gathered every tick, faults seen in them, permit and power set."""
+"""The safety tick's senses: levels gathered every tick, and the faults seen in them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import DEPOSIT, MILL
 from cellctl.domain.causes import cause_of_alarm, causes_of_interlocks, is_explained
 from cellctl.domain.interlocks import Levels, Signal, permissives
@@ -21,49 +22,6 @@ FLOW_GRACE_S = 1.5  # powder may be off its set-point that long before it counts
 FLOW_BAND = 3.0  # times powder_settle_tolerance
 TOOL_GRACE_S = 1.0
 CNC_DOOR_OPEN = (1, 2)  # substates of Door: stopped and still ajar, opened and braking; 0 is closed again, 3 going on
-
-
-class LaserHand:
-    """The only hand on permit and power. `apply` is called by every tick with the verdict of the permissives."""
-
-    def __init__(self, drivers: CellDrivers, clock: Clock) -> None:
-        self._laser = drivers.laser
-        self._clock = clock
-        self.power_wanted_w = 0.0
-        self.factor = 1.0
-        self.is_permitted = False
-        self.dark_since = clock.now()
-        self.because = ""
-
-    def apply(self, may_emit: bool, because: str) -> None:
-        """Permit with the wanted power, or neither."""
-        if not may_emit:
-            self.lock(because)
-            return
-        self._laser.set_power(self.power_wanted_w * self.factor)
-        self._laser.permit(True)
-        self.is_permitted = True
-        self.because = ""
-
-    @property
-    def dark_in_s(self) -> float:
-        """Seconds until a laser that cannot be told is dark by its own dead-man; 0 for one that answers or was dark before.
-
-        So long the tip has to go on moving: light at standstill burns a hole.
-        """
-        client = self._laser.client
-        is_heard = client.last_error is None or client.age("emission") <= client.device.timeout_s
-        was_dark = not self.is_permitted and self._clock.now() - self.dark_since > client.device.dead_man_s
-        return 0.0 if is_heard or was_dark else client.trips_in_s
-
-    def lock(self, because: str) -> None:
-        """Permit and power off, now. Harmless twice."""
-        if self.is_permitted:
-            self.dark_since = self._clock.now()
-        self.is_permitted = False
-        self.because = because
-        self._laser.permit(False)
-        self._laser.set_power(0.0)
 
 
 @dataclass(frozen=True)

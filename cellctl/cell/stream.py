@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.cell.arc_ways import bows, plane_of
+from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import DEPOSIT, SAFE, Modes
-from cellctl.cell.safety import LaserHand
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.domain.sync import Follower, MotionJudge, Timeline
 from config.cell import Cell

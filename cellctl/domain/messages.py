@@ -23,6 +23,7 @@ class Command(msgspec.Struct, frozen=True, tag=True):
 
     id : chosen by the sender; the same id is carried out once
     args : start: {job, name, program (directory)}; jog: {axis, distance, feed}
+    client : which console, program or service of that person sends it; "": not told
     """
 
     id: str
@@ -30,6 +31,7 @@ class Command(msgspec.Struct, frozen=True, tag=True):
     who: str
     because: str
     args: dict[str, Any] = {}
+    client: str = ""
 
 
 class Reply(msgspec.Struct, frozen=True, tag=True):
