@@ -9,8 +9,10 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from config.base import ConfigError, Facts, Finite, NotNegative, Positive, Vector3, find_facts, read_facts
+from config.device import load_device
 from config.machine import MachineGeometry, ProofLimits
 from config.macros import DialectName, Macros, check_real_time
+from config.reactions import Reaction, complete
 
 Letter = Literal["X", "Y", "Z", "A", "B", "C"]
 
@@ -177,6 +179,7 @@ class Limits(Facts):
     purge_s: NotNegative = Field(2.0, description="gas only, before milling")
     emission_off_w: NotNegative = Field(5.0, description="read-back below which there is no emission")
     hopper_low_fraction: NotNegative = Field(0.05, lt=1.0)
+    retract_mm: Positive = Field(20.0, description="by which a reaction with retract takes the head back along the tool axis")
 
 
 class Response(Facts):
@@ -226,6 +229,7 @@ class Cell(Facts):
     placement: Placement = Placement()
     plate: Plate = Plate()
     limits: Limits = Limits()
+    reactions: dict[str, Reaction] = Field(default_factory=lambda: complete({}), description="per cause; what is not given is the safe default")
     response: Response = Response()
     service: Service = Service()
     simulation: Simulation = Simulation()
@@ -240,10 +244,11 @@ class Cell(Facts):
     def sha256(self) -> str:
         """Hash (hex) of what a Program depends on; the machine's STL files by what is in them, wherever they are.
 
-        Not: the wires, the service's address, the simulation, and the limits that only the proof judges by.
+        Not: the wires, the service's address, the simulation, the reactions, and the limits that only the proof judges by.
         """
         left_out: dict[str, Any] = {
             "mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True, "proof": True,
+            "reactions": True, "limits": {"retract_mm"},
             "machine": {"solids": {"__all__": {"file"}}},
         }  # fmt: skip
         return self._with_files(self.model_dump_json(exclude=left_out))
@@ -268,6 +273,11 @@ class Cell(Facts):
     def axis(self, letter: str) -> Axis:
         """Axis by letter. Raises KeyError."""
         return next(axis for axis in self.axes if axis.letter == letter) if letter in self.letters else _no_axis(letter)
+
+    @field_validator("reactions", mode="before")
+    @classmethod
+    def _every_cause_has_one(cls, given: Any) -> Any:
+        return complete(given) if isinstance(given, dict) else given
 
     @field_validator("macros")
     @classmethod
@@ -299,10 +309,19 @@ def _no_axis(letter: str) -> Axis:
     raise KeyError(f"no axis {letter}")
 
 
+def _check_diverter(cell: Cell, path: Path) -> None:
+    """Raise ConfigError where a reaction diverts powder and the feeder's map has no diverter."""
+    diverting = [name for name, reaction in cell.reactions.items() if reaction.powder == "divert"]
+    if diverting and "diverter" not in load_device(cell.links["feeder"].device).registers:
+        device = cell.links["feeder"].device
+        raise ConfigError(f"{path}: reactions.{diverting[0]}.powder: {device} has no register diverter", 'say powder = "off", or add the coil to its map')
+
+
 def load_cell(name: str | Path) -> Cell:
     """Cell by path or shipped name. Raises ConfigError."""
     path = find_facts("cells", str(name))
     cell = read_facts(Cell, path)
+    _check_diverter(cell, path)
     if cell.machine is None:
         return cell
     machine = cell.machine.beside(path.parent)

@@ -76,11 +76,17 @@ class CncView(msgspec.Struct, frozen=True):
 
 
 class Permissive(msgspec.Struct, frozen=True):
-    """One condition for laser emission: its level now, and why it is not met."""
+    """One condition for laser emission: whether it is met and why not, the level in words, and the age of the oldest reading behind it.
+
+    age_s : s; negative where nothing is read (the cell's own state). stale_s : s, the age from which it counts as unsafe; 0 where nothing is read.
+    """
 
     name: str
     ok: bool
     why: str = ""
+    level: str = ""
+    age_s: float = -1.0
+    stale_s: float = 0.0
 
 
 class Alarm(msgspec.Struct, frozen=True):
@@ -106,6 +112,9 @@ class JobView(msgspec.Struct, frozen=True):
     elapsed_s: float = 0.0
     remaining_s: float = 0.0
     outcome: str = ""  # "", "completed", "aborted", "failed", "interrupted"
+    followed_by: str = ""  # what progress rests on: "Ln" or "position"
+    arc_mm: float = 0.0  # arc length of the tip's path that is known to be executed
+    error_mm: float = -1.0  # how far off the predicted arc length may be, by the follower's own estimate; negative: not known
 
 
 class TickView(msgspec.Struct, frozen=True):
