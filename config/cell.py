@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from config.base import ConfigError, Facts, Finite, NotNegative, Positive, Vector3, find_facts, read_facts
+from config.by_hand import ByHand
 from config.device import load_device
 from config.machine import MachineGeometry, ProofLimits
 from config.macros import DialectName, Macros, check_real_time
@@ -232,6 +233,7 @@ class Cell(Facts):
     reactions: dict[str, Reaction] = Field(default_factory=lambda: complete({}), description="per cause; what is not given is the safe default")
     response: Response = Response()
     service: Service = Service()
+    by_hand: ByHand = ByHand()
     simulation: Simulation = Simulation()
     machine: MachineGeometry | None = Field(None, description="none: no collisions are looked for")
     proof: ProofLimits = ProofLimits()
@@ -247,7 +249,7 @@ class Cell(Facts):
         Not: the wires, the service's address, the simulation, the reactions, and the limits that only the proof judges by.
         """
         left_out: dict[str, Any] = {
-            "mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "simulation": True, "proof": True,
+            "mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "by_hand": True, "simulation": True, "proof": True,
             "reactions": True, "limits": {"retract_mm"},
             "machine": {"solids": {"__all__": {"file"}}},
         }  # fmt: skip
@@ -314,7 +316,8 @@ def _check_diverter(cell: Cell, path: Path) -> None:
     diverting = [name for name, reaction in cell.reactions.items() if reaction.powder == "divert"]
     if diverting and "diverter" not in load_device(cell.links["feeder"].device).registers:
         device = cell.links["feeder"].device
-        raise ConfigError(f"{path}: reactions.{diverting[0]}.powder: {device} has no register diverter", 'say powder = "off", or add the coil to its map')
+        line = f"{path}: reactions.{diverting[0]}.powder: {device} has no register diverter"
+        raise ConfigError(line, 'say powder = "off", or add the coil to its map')
 
 
 def load_cell(name: str | Path) -> Cell:

@@ -117,6 +117,26 @@ class JobView(msgspec.Struct, frozen=True):
     error_mm: float = -1.0  # how far off the predicted arc length may be, by the follower's own estimate; negative: not known
 
 
+class Control(msgspec.Struct, frozen=True):
+    """Who has control of the cell. client : which console or program of that person; since, seen_at : Unix time (s)
+
+    absent : not heard for so long that it may be gone; taking over stays a person's decision
+    """
+
+    holder: str
+    client: str
+    since: float
+    seen_at: float = 0.0
+    absent: bool = False
+
+
+class Table(msgspec.Struct, frozen=True):
+    """When the table was last no longer as a person may have found it (Unix time, s), and why."""
+
+    disturbed_at: float = 0.0
+    because: str = ""
+
+
 class TickView(msgspec.Struct, frozen=True):
     """The safety tick's own health."""
 
@@ -149,3 +169,6 @@ class Snapshot(msgspec.Struct, frozen=True):
     permissives: list[Permissive] = []
     alarms: list[Alarm] = []
     tick: TickView = TickView()
+    control: Control | None = None
+    table: Table = Table()
+    position: str = ""  # why the machine's position is not to be trusted; empty: it is
