@@ -9,7 +9,8 @@ from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sim.faults import KINDS, Faults, FaultScriptError
+from sim.fault_kinds import KINDS
+from sim.faults import Faults, FaultScriptError
 from sim.world import World
 
 LOG = logging.getLogger(__name__)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from sim.fault_kinds import DEVICES, INTERLOCKS, KINDS, WORDS, Kind
 
 if TYPE_CHECKING:
     from sim.world import World
 
-DEVICES = ("laser", "feeder", "io")
+SIGNED = ("registers", "value")  # numbers that may be below zero
+PORT_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 class FaultScriptError(Exception):
@@ -32,103 +37,7 @@ class Fault:
 
     def __str__(self) -> str:
         when = f"at={self.at_s:g}s " if self.at_s is not None else f"line={self.line} " if self.line is not None else ""
-        return when + " ".join([self.kind, *(f"{a:g}" if isinstance(a, float) else a for a in self.arguments)])
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What a fault does; `parameters` name its arguments ("device", or a number's name); `defaults` fill the last ones."""
-
-    act: Callable[..., None]
-    parameters: tuple[str, ...] = ()
-    defaults: tuple[float, ...] = ()
-
-
-def _silence_laser(world: World) -> None:
-    world.wires["laser"].is_silent = True
-    world.laser.cut()
-
-
-def _cut_serial(world: World, is_cut: bool) -> None:
-    world.cnc.is_cut_off = is_cut
-
-
-def _set_clog(world: World, is_clogged: bool) -> None:
-    world.feeder.is_clogged = is_clogged
-
-
-def _set_hopper(world: World, fraction: float) -> None:
-    world.feeder.hopper_g = world.feeder.capacity_g * min(max(fraction, 0.0), 1.0)
-
-
-def _set_level(name: str, level: bool) -> Callable[[World], None]:
-    def act(world: World) -> None:
-        setattr(world.io, name, level)
-        world.wire_interlocks()
-
-    return act
-
-
-def _set_wire(name: str) -> Callable[[World, str, float], None]:
-    def act(world: World, device: str, value: float) -> None:
-        wire = world.wires[device]
-        setattr(wire, name, type(getattr(wire, name))(value))
-
-    return act
-
-
-def _fail_feeder(world: World, bits: float) -> None:
-    world.feeder.faults |= int(bits)
-
-
-def _add_to_transmitter(name: str) -> Callable[[World, float], None]:
-    def act(world: World, count: float) -> None:
-        transmitter = world.cnc.transmitter
-        setattr(transmitter, name, getattr(transmitter, name) + int(count))
-
-    return act
-
-
-def _open_fibre(world: World) -> None:
-    world.laser.fibre_is_open = True
-    world.wire_interlocks()
-
-
-KINDS: dict[str, Kind] = {
-    "door_open": Kind(lambda world: world.open_door()),
-    "door_close": Kind(lambda world: world.close_door()),
-    "estop": Kind(lambda world: world.press_estop()),
-    "estop_press": Kind(lambda world: world.press_estop()),
-    "estop_release": Kind(lambda world: world.release_estop()),
-    "laser_fault": Kind(lambda world, bits: world.laser.fail(int(bits)), ("bits",), (8.0,)),
-    "laser_dead": Kind(_silence_laser),
-    "fibre_open": Kind(_open_fibre),
-    "feeder_fault": Kind(_fail_feeder, ("bits",), (8.0,)),
-    "feeder_clog": Kind(lambda world: _set_clog(world, True)),
-    "feeder_clear": Kind(lambda world: _set_clog(world, False)),
-    "hopper_empty": Kind(lambda world: _set_hopper(world, 0.0)),
-    "hopper_fill": Kind(_set_hopper, ("fraction",), (1.0,)),
-    "gas_low": Kind(_set_level("gas_pressure_ok", False)),
-    "gas_ok": Kind(_set_level("gas_pressure_ok", True)),
-    "chiller_fail": Kind(_set_level("chiller_ok", False)),
-    "chiller_ok": Kind(_set_level("chiller_ok", True)),
-    "fume_fail": Kind(_set_level("fume_extraction_ok", False)),
-    "fume_ok": Kind(_set_level("fume_extraction_ok", True)),
-    "modbus_silent": Kind(_set_wire("is_silent"), ("device", "on"), (1.0,)),
-    "modbus_exception": Kind(_set_wire("exception"), ("device", "code"), (4.0,)),
-    "modbus_slow": Kind(_set_wire("delay_s"), ("device", "seconds"), (0.3,)),
-    "modbus_wrong_count": Kind(_set_wire("extra_count"), ("device", "registers"), (-1.0,)),
-    "modbus_ok": Kind(lambda world, device: world.wires[device].mend(), ("device",)),
-    "serial_silent": Kind(lambda world: _cut_serial(world, True)),
-    "serial_ok": Kind(lambda world: _cut_serial(world, False)),
-    "serial_garble": Kind(_add_to_transmitter("answers_to_garble"), ("answers",), (1.0,)),
-    "lost_ok": Kind(_add_to_transmitter("oks_to_lose"), ("answers",), (1.0,)),
-    "doubled_ok": Kind(_add_to_transmitter("oks_to_double"), ("answers",), (1.0,)),
-    "firmware_reset": Kind(lambda world: world.cnc.power_cycle()),
-    "alarm": Kind(lambda world, number: world.cnc.trip(int(number)), ("number",), (1.0,)),
-    "feed_hold": Kind(lambda world: world.cnc.machine.hold()),
-    "cycle_start": Kind(lambda world: world.cnc.machine.resume()),
-}
+        return when + " ".join([self.kind, *(f"{a:g}" if isinstance(a, float) else a for a in self.arguments)]).rstrip()
 
 
 def parse_fault(text: str) -> Fault:
@@ -162,35 +71,47 @@ def _arguments(text: str, kind: Kind, words: Sequence[str]) -> tuple[str | float
         raise FaultScriptError(f"fault '{text}': needs {needs}, has {len(words)} argument(s)")
     found: list[str | float] = []
     for name, word in zip(kind.parameters, words, strict=False):
-        if name == "device":
-            if word not in DEVICES:
-                raise FaultScriptError(f"fault '{text}': no device '{word}'; devices: {', '.join(DEVICES)}")
-            found.append(word)
-        else:
-            found.append(_number(text, word, name))
+        found.append(_word(text, name, word) if name in WORDS else _number(text, word, name))
     return (*found, *kind.defaults[len(words) - least :])
+
+
+def _word(text: str, name: str, word: str) -> str:
+    known = {"device": DEVICES, "interlock": INTERLOCKS}.get(name)
+    if known is not None and word not in known:
+        raise FaultScriptError(f"fault '{text}': no {name} '{word}'; {name}s: {', '.join(known)}")
+    if name == "port" and not PORT_NAME.fullmatch(word):
+        raise FaultScriptError(f"fault '{text}': '{word}' is no port's name", "letters, digits, dots and dashes")
+    return word
 
 
 def _number(text: str, word: str, what: str) -> float:
     try:
         value = float(word)
     except ValueError:
-        value = -1.0 if what == "registers" else float("nan")
-    if value != value or abs(value) == float("inf") or (value < 0.0 and what != "registers"):
+        value = float("nan")
+    if not math.isfinite(value) or (value < 0.0 and what not in SIGNED):
         raise FaultScriptError(f"fault '{text}': '{word}' is not {what}")
     return value
 
 
 class Faults:
-    """Faults to come, in no particular order, and those that have been."""
+    """Faults to come, in no particular order, and those that have been. registers : names by device, for faults that name one."""
 
-    def __init__(self) -> None:
+    def __init__(self, registers: Mapping[str, frozenset[str]] | None = None) -> None:
         self.pending: list[Fault] = []
         self.past: list[Fault] = []
+        self._registers = registers
 
     def add(self, fault: Fault | str) -> Fault:
         """Schedule a fault. Raises FaultScriptError."""
         parsed = parse_fault(fault) if isinstance(fault, str) else fault
+        parameters = KINDS[parsed.kind].parameters
+        if self._registers is not None and "register" in parameters:
+            given = dict(zip(parameters, parsed.arguments, strict=True))
+            device, register = str(given["device"]), str(given["register"])
+            if register not in self._registers[device]:
+                known = ", ".join(sorted(self._registers[device]))
+                raise FaultScriptError(f"fault '{parsed}': {device} has no register '{register}'", f"its registers: {known}")
         self.pending.append(parsed)
         return parsed
 

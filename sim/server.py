@@ -100,6 +100,7 @@ class SimServer:
             now = time.monotonic()
             wire_dt_s, last = min(now - last, LAG_MAX_S), now
             self.world.step(wire_dt_s * self.world.time_scale)
+            await self._wires.tend()
             self._wires.pace(wire_dt_s)
 
     async def close(self) -> None:

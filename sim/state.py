@@ -16,7 +16,7 @@ from sim.cnc.answers import Build, StatusReport
 from sim.cnc.chain import Chain
 from sim.cnc.firmware import Firmware
 from sim.cnc.interpreter import Interpreter
-from sim.cnc.line import ReceiveRing, Transmitter
+from sim.cnc.line import LineNoise, ReceiveRing, Transmitter
 from sim.cnc.machine import Machine, Suspend
 from sim.cnc.modal import Modal, Offsets
 from sim.cnc.motion import Motion
@@ -26,7 +26,7 @@ from sim.plant.io import InputsOutputs
 from sim.plant.laser import Laser
 from sim.world import World
 
-OBJECTS = (World, Firmware, Interpreter, Machine, Motion, ReceiveRing, Transmitter, StatusReport, Laser, Feeder, InputsOutputs)
+OBJECTS = (World, Firmware, Interpreter, Machine, Motion, ReceiveRing, LineNoise, Transmitter, StatusReport, Laser, Feeder, InputsOutputs)
 RECORDS: dict[str, Callable[..., Any]] = {
     cls.__name__: cls
     for cls in (
@@ -37,7 +37,7 @@ RECORDS: dict[str, Callable[..., Any]] = {
 ENUMS: dict[str, type[Enum]] = {Suspend.__name__: Suspend}
 CONSTANT = (Facts, Build, Chain, Faults)  # made anew from the cell's facts
 LEFT_OUT = {
-    World: {"metal", "trace", "banks", "wires"},  # the metal has a state of its own; the others hold none between steps
+    World: {"metal", "trace", "banks", "wires", "plants", "plug"},  # the metal has a state of its own; the others hold none between steps
     Motion: {"_out", "_row"},  # begins anew with each step
     Firmware: {"supply"},
 }

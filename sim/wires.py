@@ -70,7 +70,7 @@ class Wires:
         cnc = self._cell.cnc
         pace = self._baud / BITS_PER_BYTE if self._at_baud else None
         path = self._path(cnc.port)
-        self._serial = CncSerial(self._world.cnc, path, pace)
+        self._serial = CncSerial(self._world.cnc, self._world.plug, path, pace)
         self._port = str(path)
 
     def _open_lines(self) -> None:
@@ -107,6 +107,15 @@ class Wires:
                 ) from None
             self._devices.append(device)
             self._links[role] = link.model_copy(update={"tcp_port": port, "device": _absolute(link.device)})
+
+    async def tend(self) -> None:
+        """Take away what is unplugged or gone, bring back what is there again."""
+        if self._serial is not None:
+            self._serial.tend()
+        for line in self._lines:
+            line.tend()
+        for device in self._devices:
+            await device.tend()
 
     def pace(self, wire_dt_s: float) -> None:
         """Let the wire's time go by and hand over what the CNC has said."""

@@ -12,6 +12,7 @@ from config import Cell, Device
 from sim.cnc import lookahead as la
 from sim.cnc.chain import Chain
 from sim.cnc.firmware import Firmware
+from sim.cnc.plug import Plug
 from sim.faults import Fault, Faults
 from sim.modbus.registers import RegisterBank
 from sim.modbus.wire import Wire
@@ -63,8 +64,10 @@ class World:
         for plant in plants.values():
             plant.watches_heartbeat = dead_man
         self.banks = {role: RegisterBank(devices[role], plant) for role, plant in plants.items()}
+        self.plants = plants
         self.wires = {role: Wire() for role in plants}
-        self.faults = Faults()
+        self.plug = Plug()
+        self.faults = Faults({role: bank.names for role, bank in self.banks.items()})
         for fault in faults:
             self.faults.add(fault)
         self.trace = self._trace_of(np.zeros((0, la.PIECE_COLUMNS)), np.zeros(0), np.zeros(0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from config import Cell
@@ -9,7 +10,7 @@ from sim.cnc import codes
 from sim.cnc.answers import ALARM_SUBSTATE, Snapshot, StatusReport, build_of, default_settings
 from sim.cnc.codes import GcodeError
 from sim.cnc.interpreter import Interpreter
-from sim.cnc.line import REAL_TIME, ReceiveRing, Transmitter
+from sim.cnc.line import REAL_TIME, LineNoise, ReceiveRing, Transmitter
 from sim.cnc.machine import TIME_EPS_S, Machine, Suspend
 from sim.cnc.parser import strip_line, words_of
 from sim.cnc.system import run_system_command
@@ -23,6 +24,7 @@ FEED_STEPS = {0x91: 10, 0x92: -10, 0x93: 1, 0x94: -1}
 SPINDLE_STEPS = {0x9A: 10, 0x9B: -10, 0x9C: 1, 0x9D: -1}
 RAPID_PERCENT = {0x95: 100, 0x96: 50, 0x97: 25}
 OVERRIDE_MIN, OVERRIDE_MAX = 10, 200
+NUMBER_WORD = re.compile(r"N(\d+)")
 
 
 class Firmware:
@@ -51,9 +53,12 @@ class Firmware:
         self.interpreter.modal.tool_selected = self.machine.tool
         self.rx = ReceiveRing(self.build.rx_bytes)
         self.transmitter = Transmitter()
+        self.noise = LineNoise()
+        self.refusals: dict[int, int] = {}  # N-word -> error code of lines to refuse; 0 stands for the next line, whichever
         self.supply: Callable[[int], bytes] | None = None
         self.is_checking = False
         self.is_cut_off = False  # the wire carries nothing, either way
+        self.is_deaf = False  # it carries nothing to the machine
         self.overrides = [100, 100, 100]
         self._report = StatusReport()
         self._line_is_open = False
@@ -67,7 +72,7 @@ class Firmware:
 
     def receive(self, data: bytes) -> None:
         """Bytes from the host: real-time bytes act at once, wherever they stand, the others go into the ring."""
-        if self.is_cut_off:
+        if self.is_cut_off or self.is_deaf:
             return
         start = 0
         for match in REAL_TIME.finditer(data):
@@ -82,6 +87,7 @@ class Firmware:
         return b"" if self.is_cut_off else data
 
     def _store(self, data: bytes) -> None:
+        data = self.noise.pass_on(data)
         while data:
             cut = min(data.find(b"\n") + 1 or len(data), self.rx.free) or len(data)
             self.rx.put(data[:cut])
@@ -189,6 +195,8 @@ class Firmware:
             self.transmitter.answer(self._latched)
         elif self.machine.alarm or self.machine.is_jogging:
             self._refuse(codes.LOCKED)
+        elif self.refusals and (code := self._refusal(text)):
+            self._refuse(code)
         else:
             try:
                 actions = self.interpreter.interpret(words_of(text))
@@ -210,6 +218,11 @@ class Firmware:
         if self._reset_is_due:
             self._reset_is_due = False
             self.reset()
+
+    def _refusal(self, text: str) -> int:
+        """Error code of a line that is to be refused, 0 for the others; each is refused once."""
+        word = NUMBER_WORD.match(text)
+        return self.refusals.pop(0, 0) or self.refusals.pop(int(word[1]) if word else -1, 0)
 
     def _refuse(self, code: int) -> None:
         if self.build.is_hal:
@@ -293,6 +306,18 @@ class Firmware:
             self.machine.alarm = codes.ALARM_HOMING_REQUIRED
         self._welcome()
         self.machine.door(self.machine.is_door_open)
+
+    def power_off(self) -> None:
+        """Without power: drives and spindle stop, the line is silent, until `power_on`."""
+        self.machine.cut()
+        self.rx.clear()
+        self._line_is_open = False
+        self.is_cut_off = True
+
+    def power_on(self) -> None:
+        """Power is back, and nothing is remembered."""
+        self.is_cut_off = False
+        self.power_cycle()
 
     def power_cycle(self) -> None:
         """Power lost and back: everything is forgotten, the position counter too; homing is required."""

@@ -65,13 +65,32 @@ class RegisterBank:
             for name, register in device.registers.items()
             for k in range(register.count)
         }
+        self.shown: dict[str, float] = {}  # registers that read wrong, and as what, in units
+        self.stuck: dict[str, float] = {}  # registers that keep their value, whatever is written or happens
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the registers."""
+        return frozenset(self._registers)
+
+    def stick(self, name: str) -> None:
+        """Have a register keep the value that it has now."""
+        self.stuck[name] = self._signals.values[name]
+
+    def mend(self) -> None:
+        """All registers work again."""
+        self.shown.clear()
+        self.stuck.clear()
 
     def _check(self, table: str, address: int, count: int) -> None:
         if any((table, at) not in self._places for at in range(address, address + count)):
             raise ModbusFault(ILLEGAL_ADDRESS)
 
     def _words(self, name: str) -> list[int]:
-        return to_words(self._registers[name], self._signals.values[name])
+        value = self._signals.values[name]
+        if self.shown or self.stuck:
+            value = self.shown.get(name, self.stuck.get(name, value))
+        return to_words(self._registers[name], value)
 
     def read(self, table: str, address: int, count: int) -> list[int]:
         """`count` registers or bits. Raises ModbusFault 2 when one of them does not exist."""
@@ -95,4 +114,5 @@ class RegisterBank:
             if below or above or value != value:
                 raise ModbusFault(ILLEGAL_VALUE)
         for name, value in decoded.items():
-            self._signals.write(name, value)
+            if name not in self.stuck:
+                self._signals.write(name, value)

@@ -86,10 +86,24 @@ class RtuLine:
         self._character_s = character_s
         self._receiver = RtuReceiver()
         self._answers: set[asyncio.TimerHandle] = set()
-        self.terminal = PseudoTerminal(path, self._receive)
+        self._path = path
+        self.terminal: PseudoTerminal | None = PseudoTerminal(path, self._receive)
+
+    def tend(self) -> None:
+        """Take the port away while one of the devices is gone, and bring it back."""
+        is_gone = any(wire.is_gone for _, wire in self.devices.values())
+        if is_gone:
+            self.close()
+        elif self.terminal is None:
+            self.terminal = PseudoTerminal(self._path, self._receive)
+
+    def _write(self, data: bytes) -> None:
+        if self.terminal is not None:
+            self.terminal.write(data)
 
     def _receive(self) -> None:
-        for device_id, request in self._receiver.feed(self.terminal.read(), self._clock()):
+        data = self.terminal.read() if self.terminal is not None else b""
+        for device_id, request in self._receiver.feed(data, self._clock()):
             if device_id == BROADCAST:
                 for bank, wire in self.devices.values():
                     answer(request, bank, wire)
@@ -101,21 +115,23 @@ class RtuLine:
         if wire.is_silent:
             return
         reply = frame(device_id, answer(request, bank, wire))
-        delay_s = wire.delay_s + self._character_s * (len(request) + 3 + len(reply))
+        delay_s = wire.take_delay_s() + self._character_s * (len(request) + 3 + len(reply))
         if delay_s <= 0.0:
-            self.terminal.write(reply)
+            self._write(reply)
             return
 
         def send() -> None:
             self._answers.discard(handle)
-            self.terminal.write(reply)
+            self._write(reply)
 
         handle = asyncio.get_running_loop().call_later(delay_s, send)
         self._answers.add(handle)
 
     def close(self) -> None:
-        """Drop answers on their way and remove the terminal."""
+        """Drop answers on their way and remove the terminal. Harmless twice."""
         for handle in self._answers:
             handle.cancel()
         self._answers.clear()
-        self.terminal.close()
+        if self.terminal is not None:
+            self.terminal.close()
+            self.terminal = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import struct
 
 from sim.modbus.pdu import answer
@@ -20,12 +21,32 @@ class TcpDevice:
     def __init__(self, bank: RegisterBank, wire: Wire, device_id: int) -> None:
         self._bank, self._wire, self._id = bank, wire, device_id
         self._server: asyncio.Server | None = None
+        self._place = ("", 0)
+        self._breaks = wire.breaks
         self._connections: dict[asyncio.StreamWriter, asyncio.Task[None] | None] = {}
 
     async def listen(self, host: str, port: int) -> int:
         """Open the port (0: any free one) and return its number. Raises OSError when it is taken."""
         self._server = await asyncio.start_server(self._serve, host, port)
-        return int(self._server.sockets[0].getsockname()[1])
+        self._place = host, int(self._server.sockets[0].getsockname()[1])
+        return self._place[1]
+
+    async def tend(self) -> None:
+        """Refuse connections while the device is gone, listen again when it is back; close those that it has dropped."""
+        if self._wire.breaks != self._breaks:
+            self._breaks = self._wire.breaks
+            await self._drop()
+        if self._wire.is_gone and self._server is not None:
+            await self.close()
+        elif not self._wire.is_gone and self._server is None:
+            with contextlib.suppress(OSError):  # somebody else has the port for a moment: tried again at the next call
+                await self.listen(*self._place)
+
+    async def _drop(self) -> None:
+        tasks = [task for task in self._connections.values() if task is not None]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._connections[writer] = asyncio.current_task()
@@ -38,8 +59,8 @@ class TcpDevice:
                 request = await reader.readexactly(length - 1)
                 if self._wire.is_silent:
                     continue
-                if self._wire.delay_s > 0.0:
-                    await asyncio.sleep(self._wire.delay_s)
+                if (delay_s := self._wire.take_delay_s()) > 0.0:
+                    await asyncio.sleep(delay_s)
                 if device_id in (self._id, *ANY_DEVICE):
                     reply = answer(request, self._bank, self._wire)
                 else:
@@ -53,12 +74,10 @@ class TcpDevice:
             writer.close()
 
     async def close(self) -> None:
-        """Close the port and every connection."""
+        """Close the port and every connection. Harmless twice."""
         if self._server is None:
             return
-        self._server.close()
-        tasks = [task for task in self._connections.values() if task is not None]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        await self._server.wait_closed()
+        server, self._server = self._server, None
+        server.close()
+        await self._drop()
+        await server.wait_closed()

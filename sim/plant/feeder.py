@@ -44,6 +44,11 @@ class Feeder(Signals):
         """Faults whose cause persists stay."""
         self.faults = (HOPPER_EMPTY if self.hopper_g <= 0.0 else 0) | (CLOGGED if self.is_clogged else 0)
 
+    def restart(self) -> None:
+        """Started anew: the disc stands; what is in the hose still arrives."""
+        super().restart()
+        self.show()
+
     @property
     def hopper_fraction(self) -> float:
         """Fill of the hopper, 0 to 1."""

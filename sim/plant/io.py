@@ -28,6 +28,11 @@ class InputsOutputs(Signals):
         """Whether the head's slide is at its inner stop."""
         return self.slide <= 0.0
 
+    def restart(self) -> None:
+        """Started anew: outputs as at power-up, contacts as they are."""
+        super().restart()
+        self.show()
+
     def step(self, dt_s: float, wire_dt_s: float) -> None:
         """Let time go by; without E-stop chain the slide has no power and stays."""
         self.watch(wire_dt_s)

@@ -77,6 +77,11 @@ class Laser(Signals):
         self.values["enable"] = self.values["emission_permit"] = 0.0
         self.show()
 
+    def restart(self) -> None:
+        """Started anew: dark, and what hangs on wires shows as it is."""
+        super().restart()
+        self.cut()
+
     def fail(self, bits: int) -> None:
         """Latch fault bits."""
         self.faults |= bits

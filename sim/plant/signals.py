@@ -42,6 +42,13 @@ class Signals:
         """Clear latched faults whose cause is gone."""
         self.faults = 0
 
+    def restart(self) -> None:
+        """The device has lost power and starts anew: registers at their power-up values, nothing latched, no heartbeat heard."""
+        self.values = {name: 0.0 for name in self.device.registers}
+        self.values.update(self.safe)
+        self.faults = 0
+        self._beat_age_s = float("inf")
+
     def outputs_safe(self) -> None:
         """All set-points to their safe values."""
         for name, value in self.safe.items():
