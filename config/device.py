@@ -12,7 +12,8 @@ Role = Literal["laser", "feeder", "io"]
 Table = Literal["coil", "discrete", "input", "holding"]
 DataType = Literal["bit", "uint16", "int16", "uint32", "int32", "float32"]
 
-# Names that the drivers look up, by role. A map must define them all; anything more is shown and recorded but not used.
+# Names that the drivers look up, by role. A map must define them all. A feeder's coil `diverter` (1: powder goes to the bypass, its safe
+# value) is used where it is there; anything more is shown and recorded but not used.
 REQUIRED: dict[str, frozenset[str]] = {
     "laser": frozenset({
         "enable", "emission_permit", "power_setpoint", "heartbeat",
@@ -53,6 +54,11 @@ class Register(Facts):
         return self.table in ("coil", "holding")
 
     @property
+    def is_level(self) -> bool:
+        """Whether safety may hang on it: a bit, a word of flags, or a count of what happened."""
+        return self.type == "bit" or bool(self.bits) or self.unit == "count"
+
+    @property
     def count(self) -> int:
         """Number of 16-bit registers (or coils) that the value takes."""
         return 2 if self.type in ("uint32", "int32", "float32") else 1
@@ -78,7 +84,9 @@ class Device(Facts):
     timeout_s: Positive = Field(0.1, le=2.0, description="per request")
     poll_s: Positive = Field(0.02, description="reading period while connected")
     dead_man_s: Positive = Field(0.5, description="the device turns its outputs safe this long after the last heartbeat")
-    latency_s: NotNegative = Field(0.0, description="from write to effect at the plant, measured by doctor")
+    latency_s: NotNegative = Field(0.0, description="from the begin of a write to its effect; to begin with, then it is learnt")
+    ramp_s: NotNegative = Field(0.0, description="time constant of the output behind it (laser); to begin with, then it is learnt")
+    flow_sensed_at: Literal["nozzle", "feeder"] = Field("nozzle", description="where a feeder's rate_readback is measured")
     registers: dict[str, Register]
 
     @model_validator(mode="after")
@@ -89,6 +97,7 @@ class Device(Facts):
         for name, register in self.registers.items():
             if register.readback is not None and register.readback not in self.registers:
                 raise ValueError(f"{name}.readback names {register.readback}, which is not in the map")
+        self._check_diverter()
         taken: dict[tuple[str, int], str] = {}
         for name, register in self.registers.items():
             for address in range(register.address, register.address + register.count):
@@ -96,6 +105,11 @@ class Device(Facts):
                 if other != name:
                     raise ValueError(f"{name} and {other} share {register.table} {address}")
         return self
+
+    def _check_diverter(self) -> None:
+        diverter = self.registers.get("diverter")
+        if self.role == "feeder" and diverter is not None and (diverter.type != "bit" or diverter.safe != 1.0):
+            raise ValueError("diverter has to be a coil with safe = 1 (powder goes to the bypass)")
 
 
 def load_device(name: str) -> Device:

@@ -16,6 +16,7 @@ from drivers.interlocks import Io
 from drivers.laser import Laser
 from drivers.modbus.client import PymodbusLink
 from drivers.modbus.device import DeviceClient
+from drivers.modbus.turn import Turn
 from drivers.transport.serial_port import SerialPort
 
 
@@ -49,6 +50,7 @@ def open_devices(cell: Cell, run_dir: Path, clock: Clock) -> tuple[dict[str, Dev
     """
     devices: dict[str, Device] = {role: load_device(link.device) for role, link in cell.links.items()}
     lines: dict[str, PymodbusLink] = {}
+    turns: dict[str, Turn] = {}
     clients: dict[str, DeviceClient] = {}
     for role, facts in cell.links.items():
         key = facts.serial_port if facts.transport == "rtu" else f"{role} {facts.host}:{facts.tcp_port}"
@@ -56,8 +58,9 @@ def open_devices(cell: Cell, run_dir: Path, clock: Clock) -> tuple[dict[str, Dev
             sharing = [other for other, link in cell.links.items() if link.transport == "rtu" and link.serial_port == key]
             _check_line(key, [cell.links[other] for other in sharing])
             timeout_s = max(devices[other].timeout_s for other in (sharing or [role]))
-            lines[key] = PymodbusLink(facts, timeout_s, clock, run_dir)
-        clients[role] = DeviceClient(devices[role], facts.device_id, lines[key], clock)
+            lines[key], turns[key] = PymodbusLink(facts, timeout_s, clock, run_dir), Turn(clock)
+        line = lines[key]
+        clients[role] = DeviceClient(devices[role], facts.device_id, line, clock, turn=turns[key], answer_line_s=line.write_answer_s)
     return clients, tuple(lines.values())
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from drivers.hose_delay import HoseDelay
+from drivers.modbus.device import DeviceClient
 from drivers.modbus.view import DeviceView
 
 
@@ -13,6 +15,10 @@ class Feeder(DeviceView):
     SHOWN: ClassVar[tuple[str, ...]] = (
         "rate_readback", "carrier_gas_readback", "shield_gas_readback", "hopper_level", "fault_word", "heartbeat_readback",
     )  # fmt: skip
+
+    def __init__(self, client: DeviceClient) -> None:
+        super().__init__(client)
+        client.watcher = HoseDelay(client)
 
     def set_rate(self, g_min: float) -> None:
         """Want this powder rate, g/min. Raises RangeError_ beyond the feeder's bounds."""
@@ -25,6 +31,21 @@ class Feeder(DeviceView):
     def set_shield_gas(self, l_min: float) -> None:
         """Want this shield gas flow, L/min. Raises RangeError_."""
         self.client.set("shield_gas_setpoint", l_min)
+
+    @property
+    def has_diverter(self) -> bool:
+        """Whether powder can be led to a bypass while it flows."""
+        return "diverter" in self.client.device.registers
+
+    def divert(self, on: bool) -> None:
+        """Want powder led to the bypass, or to the nozzle. A feeder without a diverter leads all of it to the nozzle: nothing is done."""
+        if self.has_diverter:
+            self.client.set("diverter", float(on))
+
+    @property
+    def is_diverted(self) -> bool:
+        """Whether powder is wanted at the bypass."""
+        return bool(self.client.desired.get("diverter", 0.0))
 
     def reset_faults(self) -> None:
         """Ask the feeder to leave its latched faults."""

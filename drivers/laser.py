@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from drivers.laser_edges import LaserEdges
+from drivers.modbus.device import DeviceClient
 from drivers.modbus.view import DeviceView
 
 
@@ -11,6 +13,11 @@ class Laser(DeviceView):
     """Thin view of a laser's registers. Setters take effect at the next cycle (the client's `wake` is set)."""
 
     SHOWN: ClassVar[tuple[str, ...]] = ("power_readback", "emission", "interlock_word", "fault_word", "heartbeat_readback")
+
+    def __init__(self, client: DeviceClient) -> None:
+        super().__init__(client)
+        self.edges = LaserEdges(client)
+        client.watcher = self.edges
 
     def enable(self, on: bool) -> None:
         """Want the power stage on or off; emission needs the permit besides."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -14,6 +13,8 @@ from drivers.interfaces import Clock
 from drivers.modbus.device import DeviceClient
 
 log = structlog.get_logger()
+
+LEAST_PAUSE_S = 0.001  # between two rounds of a line that is slower than its period
 
 
 class Cycled(Protocol):
@@ -39,12 +40,15 @@ def lines_of(cell: Cell, drivers: CellDrivers) -> list[list[Cycled]]:
 async def poll_line(
     devices: Sequence[Cycled], clock: Clock, is_ticking: Callable[[], bool], on_failure: Callable[[str], None]
 ) -> None:
-    """Cycle the devices of one line for ever. A set-point that changed is written in the next turn of the event loop.
+    """Cycle the devices of one line for ever. A set-point that changed is written as soon as the request on the wire has ended.
 
     is_ticking : whether the safety tick beats; without it no heartbeat is sent and the devices' dead-man timers run out.
     on_failure : told in one line what nobody foresaw; the line is polled on.
     """
     period = min(device.client.device.poll_s for device in devices)
+    turn = devices[0].client.turn
+    for device in devices:
+        device.client.share(turn)
     while True:
         started = clock.now()
         for device in devices:
@@ -56,21 +60,5 @@ async def poll_line(
             except Exception as error:
                 log.exception("poll failed", device=device.client.device.name)
                 on_failure(f"{device.client.device.name}: {type(error).__name__}: {error}")
-        pause = max(period - (clock.now() - started), 0.001)
-        if not any(device.client.wake.is_set() for device in devices):
-            await _wake_or_pause([device.client.wake for device in devices], clock, pause)
-
-
-async def _wake_or_pause(wakes: Sequence[asyncio.Event], clock: Clock, pause_s: float) -> None:
-    loop = asyncio.get_running_loop()
-    tasks = [loop.create_task(clock.sleep(pause_s)), *(loop.create_task(_wait(wake)) for wake in wakes)]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def _wait(wake: asyncio.Event) -> None:
-    await wake.wait()
+        is_hurried = any(device.client.is_waiting for device in devices)
+        await turn.pause(LEAST_PAUSE_S if is_hurried else max(period - (clock.now() - started), LEAST_PAUSE_S))

@@ -35,6 +35,8 @@ READ_FUNCTIONS: dict[Table, int] = {"coil": 1, "discrete": 2, "holding": 3, "inp
 EXCEPTION_BIT = 0x80  # set in the function code of an exception
 FRAME_GAP_CHARACTERS = 3.5  # silence between RTU frames (Modbus over serial line 1.02, 2.5.1.1)
 FRAME_GAP_MIN_S = 0.00175  # the same above 19200 baud
+BITS_PER_CHARACTER = 11  # the same, 2.5.1: start, 8 data, parity or a second stop, stop
+WRITE_ANSWER_CHARACTERS = 8  # answers to functions 5, 6, 15 and 16
 WAIT_OUT_FACTOR = 1.0  # a device that missed its time-out is given as long again
 CHECK_MAP = "compare the register map with the device's document"
 
@@ -56,7 +58,7 @@ class PymodbusLink:
         self._client: Client | None = None
         self._lock = asyncio.Lock()
         self._requests: set[asyncio.Task[ModbusPDU]] = set()
-        self._gap_s = max(FRAME_GAP_MIN_S, FRAME_GAP_CHARACTERS * 11 / facts.baud) if self._is_rtu else 0.0
+        self._gap_s = max(FRAME_GAP_MIN_S, FRAME_GAP_CHARACTERS * BITS_PER_CHARACTER / facts.baud) if self._is_rtu else 0.0
         self._heard_at = 0.0
         self._missed_at: float | None = None
 
@@ -64,6 +66,11 @@ class PymodbusLink:
     def connected(self) -> bool:
         """Whether the line is open."""
         return self._client is not None and bool(self._client.connected)
+
+    @property
+    def write_answer_s(self) -> float:
+        """Time that an answer to a write is on the line itself (s); on TCP nothing worth the name."""
+        return WRITE_ANSWER_CHARACTERS * BITS_PER_CHARACTER / self._facts.baud if self._is_rtu else 0.0
 
     async def connect(self) -> None:
         """Open the line; harmless when open. Raises PortAbsent, PortBusy, PortDenied."""

@@ -4,46 +4,49 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 
 from config.device import Device
 from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkError, RangeError_, WrongAnswer
 from drivers.interfaces import Clock, ModbusLink
+from drivers.modbus.latency import Latency
 from drivers.modbus.readback import Disagreements, Heartbeat
-from drivers.modbus.registers import LIMITS, check_range, decode, encode, meanings, spans
+from drivers.modbus.readings import Reading, Readings
+from drivers.modbus.registers import LIMITS, check_range, decode, encode, spans
+from drivers.modbus.turn import Turn
+from drivers.modbus.watcher import Watcher
+from drivers.modbus.write_order import next_group
 
 HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
 RETRY_S = 0.3  # pause after a device missed twice: longer than it is waited out, so that others on its line have their turn
 RECHECK_CYCLES = 25  # set-points without a read-back register are read from their own table this often
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A value in the register's unit, and the clock time before the request that brought it was sent."""
-
-    value: float
-    at: float
-
-
-class DeviceClient:
+class DeviceClient(Readings):
     """A device on a link. `cycle` raises no DriverError but keeps it in `last_error`; what it cannot read grows old.
 
     A device that was lost is wanted safe until somebody asks for something else: it never comes back with the laser on.
     """
 
-    def __init__(self, device: Device, device_id: int, link: ModbusLink, clock: Clock) -> None:
-        self.device = device
+    def __init__(
+        self, device: Device, device_id: int, link: ModbusLink, clock: Clock, *, turn: Turn | None = None, answer_line_s: float = 0.0
+    ) -> None:
+        """turn : of the line that is shared; answer_line_s : of an answer to a write, on the line itself"""
+        super().__init__(device, clock)
         self.device_id = device_id
         self.link = link
-        self.clock = clock
-        self.readings: dict[str, Reading] = {}
         registers = device.registers
         self.desired: dict[str, float] = {
             name: register.safe for name, register in registers.items() if register.safe is not None and name != HEARTBEAT
         }
         self.wake = asyncio.Event()
+        self.turn = turn if turn is not None else Turn(clock)
+        self.turn.join(self)
+        self.latency = Latency(device, answer_line_s)
+        self.watcher: Watcher | None = None
         self.is_beating = True  # cleared by whoever wants the device's dead-man to trip
+        self.on_level: Callable[[], None] | None = None  # called as soon as a level or a word of flags was read that differs from before
+        self._levels = frozenset(name for name, register in registers.items() if not register.writable and register.is_level)
         self.last_error: DriverError | None = None
         self.disagreements = Disagreements()
         self.heartbeat = Heartbeat(int(LIMITS.get(registers[HEARTBEAT].type, (0, 0xFFFF))[1]), device.dead_man_s)
@@ -51,6 +54,7 @@ class DeviceClient:
         self._written: dict[str, list[int]] = {}
         self._written_at: dict[str, float] = {}
         self._pulses: set[str] = set()
+        self._ebbing: set[str] = set()  # pulses that were written: safe again from the next cycle on
         self._read_spans = spans(registers, [name for name, register in registers.items() if not register.writable])
         self._unproven: set[str] = set()  # written without read-back register, not yet read from their own table
         self._write_only: set[str] = set()
@@ -88,47 +92,45 @@ class DeviceClient:
         check_range(self.device.name, name, register, value)
         if self.desired[name] != value:
             self.desired[name] = float(value)
-            self.wake.set()
+            self._wake()
 
     def safe(self) -> None:
         """Want every register that can be written at its safe value; it goes first in the next cycle."""
         self._pulses.clear()
         if self.desired != self._safe:
             self.desired.update(self._safe)
-            self.wake.set()
+            self._wake()
+
+    def _wake(self) -> None:
+        self.wake.set()
+        self.turn.wake.set()
+
+    def share(self, turn: Turn) -> None:
+        """Take turns with the other devices of the line."""
+        self.turn = turn
+        turn.join(self)
+
+    def due(self, at: float | None) -> None:
+        """A set-point will be set at wire time `at` (s): no reading stands in its way then."""
+        self.turn.expect(self, at)
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the next reading tells how long the device takes."""
+        return self.watcher is not None and self.watcher.is_waiting
 
     def pulse(self, name: str) -> None:
         """Write 1 once and its safe value at the cycle after. Raises RangeError_."""
         self.set(name, 1.0)
         self._pulses.add(name)
 
-    def value(self, name: str) -> float:
-        """Last reading, register's unit; NaN if it was never read."""
-        reading = self.readings.get(name)
-        return math.nan if reading is None else reading.value
-
-    def age(self, name: str) -> float:
-        """Seconds since the reading; infinite if it was never read."""
-        reading = self.readings.get(name)
-        return math.inf if reading is None else self.clock.now() - reading.at
-
-    def is_stale(self, name: str) -> bool:
-        """Whether the reading is older than the register's stale limit."""
-        return self.age(name) > self.device.registers[name].stale_s
-
-    def oldest(self, names: Iterable[str]) -> float:
-        """Greatest age of several readings, s."""
-        return max((self.age(name) for name in names), default=math.inf)
-
-    def flags(self, name: str) -> list[str]:
-        """Texts of the bits that are set in a word of flags."""
-        return meanings(name, self.device.registers[name], self.value(name))
-
     async def cycle(self) -> None:
         """Connect if need be, write what changed and the heartbeat (safe direction first), read all, compare."""
         if self.clock.now() < self._retry_at and not self.wake.is_set():
             return
         self.wake.clear()
+        self.desired.update({name: self._safe[name] for name in self._ebbing})
+        self._ebbing.clear()
         try:
             if not self.link.connected:
                 self._lose()
@@ -144,66 +146,108 @@ class DeviceClient:
         self.last_error = self._named(error) if error else None
         self._compare()
 
-    async def _write_changes(self, beat: bool) -> DriverError | None:
-        """Write what differs from what was last taken; the first refusal, if any. Raises LinkError."""
-        wanted = {name: encode(self.device.registers[name], value) for name, value in self.desired.items()}
-        changed = [name for name, words in wanted.items() if self._written.get(name) != words]
-        to_safe = [name for name in changed if self.desired[name] == self._safe[name]]
-        others = [name for name in changed if name not in to_safe]
-        if beat:
-            others.append(HEARTBEAT)
-            wanted[HEARTBEAT] = encode(self.device.registers[HEARTBEAT], self.heartbeat.next())
-        error: DriverError | None = None
-        # bits gate what words set: off before, on after
-        for names, is_bit in ((to_safe, True), (to_safe, False), (others, False), (others, True)):
-            chosen = [name for name in names if (self.device.registers[name].type == "bit") == is_bit]
-            for group in [[name] for name in chosen] if is_bit else [list(s.names) for s in spans(self.device.registers, chosen)]:
-                refusal = await self._write(group, wanted)
-                error = error or refusal
-        return error
+    async def flush(self) -> None:
+        """Write what was set, nothing else; errors are in `last_error`."""
+        self.wake.clear()
+        if not self.link.connected or self.clock.now() < self._retry_at:
+            return  # its own next cycle writes everything
+        try:
+            error = await self._write_changes(beat=False)
+        except LinkError as lost:
+            self._miss(lost)
+            return
+        self.last_error = self._named(error) if error else self.last_error
 
-    async def _write(self, group: list[str], wanted: dict[str, list[int]]) -> DriverError | None:
+    async def _write_changes(self, beat: bool) -> DriverError | None:
+        """Write what differs from what was last taken; the first refusal, if any. Raises LinkError.
+
+        What is next is chosen anew before every request: what turned safe meanwhile goes first, what is wanted no more goes never.
+        """
+        error: DriverError | None = None
+        refused: set[tuple[str, tuple[int, ...]]] = set()
+        while True:
+            words = {name: encode(self.device.registers[name], value) for name, value in self.desired.items()}
+            changed = [name for name, w in words.items() if self._written.get(name) != w and (name, tuple(w)) not in refused]
+            to_safe = [name for name in changed if self.desired[name] == self._safe[name]]
+            others = [name for name in changed if name not in to_safe]
+            if beat:
+                others.append(HEARTBEAT)
+                words[HEARTBEAT] = encode(self.device.registers[HEARTBEAT], self.heartbeat.following)
+            group = next_group(self.device.registers, to_safe, others)
+            if not group:
+                return error
+            if HEARTBEAT in group:
+                self.heartbeat.next()
+                beat = False
+            refusal = await self._write(group, words)
+            if refusal is not None:
+                refused |= {(name, tuple(words[name])) for name in group}
+                error = error or refusal
+            await self.turn.let_others_write(self)
+
+    async def _write(self, group: list[str], words: dict[str, list[int]]) -> DriverError | None:
         register = self.device.registers[group[0]]
         at = self.clock.now()
         if HEARTBEAT in group:
             self._beat_at = at
         try:
-            await self.link.write(self.device_id, register.table, register.address, [w for name in group for w in wanted[name]])
+            await self.link.write(self.device_id, register.table, register.address, [w for name in group for w in words[name]])
         except (DeviceFault, WrongAnswer) as error:
             for name in group:
                 self._written.pop(name, None)
             return error
+        ended = self.clock.now()
+        self.latency.write.took(ended - at)
         for name in group:
             if name == HEARTBEAT:
                 self.heartbeat.sent(at)
                 continue
-            self._written[name] = wanted[name]
-            self._written_at[name] = self.clock.now()
+            self._written[name] = words[name]
+            self._written_at[name] = ended
             if name in self._pulses:
                 self._pulses.discard(name)
-                self.desired[name] = self._safe[name]
+                self._ebbing.add(name)
             elif self.device.registers[name].readback is None:
                 self._unproven.add(name)
+        if self.watcher is not None:
+            self.watcher.wrote(group, at, ended)
         return None
 
     async def _read_all(self) -> DriverError | None:
         """Read every span; the first refusal, if any. What is set meanwhile goes out between two reads. Raises LinkError."""
         error: DriverError | None = None
         for span in self._read_spans:
-            if self.wake.is_set():
-                self.wake.clear()
-                error = await self._write_changes(beat=False) or error
+            error = await self._give_way() or error
             at = self.clock.now()
             try:
                 words = await self.link.read(self.device_id, span.table, span.address, span.count)
             except (DeviceFault, WrongAnswer) as refusal:
                 error = error or refusal
                 continue
+            ended = self.clock.now()
+            self.latency.read.took(ended - at)
+            is_news = False
             for name in span.names:
                 register = self.device.registers[name]
                 start = register.address - span.address
-                self.readings[name] = Reading(decode(register, words[start : start + register.count]), at)
+                value = decode(register, words[start : start + register.count])
+                is_news = is_news or (name in self._levels and value != self.value(name))
+                self.readings[name] = Reading(value, at)
+            if is_news and self.on_level is not None:
+                self.on_level()
+            if self.watcher is not None:
+                self.watcher.read(span.names, at, ended)
         return await self._prove() or error
+
+    async def _give_way(self) -> DriverError | None:
+        """Before a reading: what was set goes first; the first refusal, if any. Raises LinkError."""
+        error: DriverError | None = None
+        while True:
+            await self.turn.before_read(self, self.latency.read.longest_s)
+            if not self.wake.is_set():
+                return error
+            self.wake.clear()
+            error = await self._write_changes(beat=False) or error
 
     async def _prove(self) -> DriverError | None:
         """Read set-points without a read-back register from their own table, after a write and now and then."""
@@ -213,6 +257,7 @@ class DeviceClient:
         names = self._unproven - self._write_only
         self._unproven = set()
         for span in spans(self.device.registers, names):
+            await self._give_way()
             before = {name: self._written.get(name) for name in span.names}
             try:
                 words = await self.link.read(self.device_id, span.table, span.address, span.count)
@@ -236,8 +281,8 @@ class DeviceClient:
             self.disagreements.agree(name)
             return
         register = self.device.registers[name]
-        text = f"{name} is {decode(register, written):g} {register.unit}, the device holds {decode(register, held):g}"
-        self.disagreements.differ(name, text, self.clock.now())
+        told, holds = decode(register, written), decode(register, held)
+        self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, the device holds {holds:g}", self.clock.now())
         self._written.pop(name, None)
 
     def _compare(self) -> None:
@@ -284,7 +329,5 @@ class DeviceClient:
 
     def _named(self, error: DriverError) -> DriverError:
         """The error with this device's name in front."""
-        named = type(error)(f"{self.device.name}: {error.message}", error.hint)
-        if isinstance(error, DeviceFault) and isinstance(named, DeviceFault):
-            named.code = error.code
-        return named
+        text = f"{self.device.name}: {error.message}"
+        return DeviceFault(text, error.hint, error.code) if isinstance(error, DeviceFault) else type(error)(text, error.hint)

@@ -49,9 +49,14 @@ class Heartbeat:
         self._sent: deque[tuple[int, float]] = deque(maxlen=256)
         self._echoed_at: float | None = None
 
+    @property
+    def following(self) -> int:
+        """The count that comes next (a bit toggles)."""
+        return 1 - self.value if self._top == 1 else self.value % self._top + 1
+
     def next(self) -> int:
-        """The next count (a bit toggles)."""
-        self.value = 1 - self.value if self._top == 1 else self.value % self._top + 1
+        """Go on to the next count."""
+        self.value = self.following
         return self.value
 
     def sent(self, now: float) -> None:
