@@ -18,7 +18,7 @@ class Reaction(Facts):
 
     laser: Literal["off"] = "off"
     motion: Motion = Field("hold", description="hold: decelerate, the stream stays intact; reset: decelerate, then drop what is buffered")
-    powder: Powder = Field("off", description="off: powder and gas are shut; divert: powder goes to the bin, the feeder runs on; keep: nothing is changed")
+    powder: Powder = Field("off", description="off: powder and gas are shut; divert: to the bin, the feeder runs on; keep: as it is")
     retract: bool = Field(False, description="after standstill the head goes back along the tool axis by limits.retract_mm; the stream is dropped")
     latch: bool = Field(True, description="the fault stays until an operator resets it; false: the job is held, and resumed by the operator")
     ends_job: bool = Field(False, description="the job is over (interrupted); otherwise it is held and can be resumed after the reset")

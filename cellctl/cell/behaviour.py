@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cellctl.cell.modes import SAFE
+from cellctl.cell.reacting import shut_powder_in_time
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.domain.states import State, Trigger
 from drivers.cell_wires import CellDrivers
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 S, T = State, Trigger
 MOTION_TIMEOUT_S = 5.0  # from `~` to the first report of motion
 CNC_SILENT_S = 2.0  # at rest: after so long without a status report the CNC counts as missing
+DEVICE_SILENT_S = 1.0  # at rest, the same for a device: a few requests missed in a row; what needs a fresh level asks for its stale limit
 
 
 def _connected(cell: Controller, drivers: CellDrivers, now: float) -> None:
@@ -30,20 +32,21 @@ def _connected(cell: Controller, drivers: CellDrivers, now: float) -> None:
 
 
 def what_is_missing(cell: Controller, drivers: CellDrivers) -> str:
-    """One line about the first wire or device that does not answer; empty when all is there."""
+    """One line about every wire or device that does not answer; empty when all are there. A request or two that were missed are no loss."""
+    missing = []
     if not cell.is_cnc_alive:
-        return cell.offline_line or "the CNC does not answer"
-    if cell.senses.cnc_age_s > CNC_SILENT_S:
-        return "the CNC sends no status"
+        missing.append(cell.cnc_line or "the CNC does not answer")
+    elif cell.senses.cnc_age_s > CNC_SILENT_S:
+        missing.append("the CNC sends no status")
     for name, device, register in (
         ("laser", drivers.laser, "fault_word"),
         ("feeder", drivers.feeder, "fault_word"),
         ("I/O coupler", drivers.io, "door_closed"),
     ):
-        if device.client.is_stale(register):
+        if device.client.age(register) > DEVICE_SILENT_S:
             error = device.client.last_error
-            return error.message if error is not None else f"the {name} does not answer"
-    return ""
+            missing.append(f"{name}: {error.message}" if error is not None else f"the {name} does not answer")
+    return "; ".join(missing)
 
 
 def _offline(cell: Controller, drivers: CellDrivers, now: float) -> None:
@@ -105,6 +108,7 @@ def _holding(cell: Controller, drivers: CellDrivers, now: float) -> None:
 
 def _held(cell: Controller, drivers: CellDrivers, now: float) -> None:
     """The machine stands; one that was let go at its own panel is held again."""
+    shut_powder_in_time(cell, now)
     status = drivers.cnc.status
     if status is not None and status.state == "Run":
         cell.quiesce.advance(now)
@@ -154,10 +158,12 @@ def _latched(cell: Controller, drivers: CellDrivers, now: float) -> None:
     quiesce = cell.quiesce
     if cell.is_cnc_alive:
         quiesce.advance(now)
+    shut_powder_in_time(cell, now)
     if quiesce.outcome and (quiesce.is_reset or not cell.is_cnc_alive):
         cell.end_run(quiesce.outcome)
     if quiesce.is_clear and cell.run is None:
         drivers.cnc.unload()
+    cell.retract.advance(now)
 
 
 def _resetting(cell: Controller, drivers: CellDrivers, now: float) -> None:

@@ -115,7 +115,7 @@ class Connection:
         identity = await c.drivers.cnc.identify()
         c.drivers.cnc.query_status()
         c.is_cnc_alive = True
-        c.offline_line = ""
+        c.cnc_line = ""
         self._on_cnc(c.drivers.cnc)
         text = f"{identity.firmware} {identity.version}, axes {''.join(identity.letters)}, {identity.rx_bytes} bytes of receive buffer"
         c.event("connected", text, {"firmware": identity.firmware, "rx_bytes": identity.rx_bytes})
@@ -124,7 +124,7 @@ class Connection:
         self._c.fault("internal", line)
 
     def _say(self, line: str) -> None:
-        if line != self._c.offline_line:
-            self._c.offline_line = line
+        if line != self._c.cnc_line:
+            self._c.cnc_line = self._c.offline_line = line
             self._c.event("offline", line)
             log.warning("offline", line=line)

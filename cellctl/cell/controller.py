@@ -10,17 +10,19 @@ from cellctl.cell.behaviour import STEPS
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import Modes
 from cellctl.cell.quiesce import Quiesce
+from cellctl.cell.reacting import react
 from cellctl.cell.record import END, PROGRESS, SAMPLE, Found, Journal, Sample
+from cellctl.cell.retract import Retract
 from cellctl.cell.safety import Senses, Situation, Told
 from cellctl.cell.stream import Run
 from cellctl.cell.tip import TipFinder
 from cellctl.cell.transaction import StepFailedError, Transaction
-from cellctl.domain.causes import cause_of_alarm, is_explained
-from cellctl.domain.interlocks import may_emit
+from cellctl.cell.whereabouts import note
+from cellctl.domain.causes import cause_of_alarm
+from cellctl.domain.interlocks import may_emit, why_not
 from cellctl.domain.messages import Event
-from cellctl.domain.reactions import REACTIONS, explain
 from cellctl.domain.snapshot import Alarm, JobView, Lines, Permissive
-from cellctl.domain.states import IN_JOB, LATCHED, State, Trigger, after
+from cellctl.domain.states import IN_JOB, State, Trigger, after
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
 from drivers.cnc.events import (
@@ -69,6 +71,7 @@ class Controller:
         self.state = S.OFFLINE
         self.because = "the cell process has started"
         self.offline_line = "connecting"
+        self.cnc_line = "connecting"  # why the CNC is not there
         self.alarms: dict[str, Alarm] = {}
         self.alarms_made = 0
         self.told: dict[str, Told] = {}  # what each alarm was latched for
@@ -81,6 +84,8 @@ class Controller:
         self.is_cnc_alive = False
         self.last_tick_at = times.wire.now()
         self.jog_sent_at: float | None = None
+        self.retract = Retract(self)
+        self.powder_until: float | None = None  # wire time at which powder that a reaction let flow on is shut
         self._layer = -1
         self._sampled_at = 0.0
         self._recover()
@@ -94,6 +99,8 @@ class Controller:
         self.senses = Senses(self.cell, drivers, self.times.wire)
         self.modes = Modes(self.cell, drivers, self.times.wire, self.hand)
         self.quiesce = Quiesce(drivers)
+        for client in (drivers.io.client, drivers.laser.client, drivers.feeder.client):
+            client.on_level = self.judge
         self.hand.lock("the cell process has started")
         drivers.laser.safe()
         drivers.feeder.safe()
@@ -106,7 +113,7 @@ class Controller:
             self.event(
                 "job",
                 text,
-                {"outcome": "interrupted", "last_line": run.last_line, "total_lines": run.total_lines},
+                {"outcome": "interrupted", "last_line": run.last_line, "total_lines": run.total_lines, **run.document},
                 job=run.job,
             )
             lines = Lines(executed=run.last_line, total=run.total_lines)
@@ -140,52 +147,8 @@ class Controller:
         self.journal.event(Event(0, self.times.unix(), kind, text, name, data or {}))
 
     def fault(self, code: str, detail: str = "", remedy: str = "") -> None:
-        """Latch a fault with its cause and remedy, laser off first; the same one twice is one alarm, and so are a cause and what it explains."""
-        lead_s = 0.0
-        if self.drivers is not None:
-            lead_s = self.lead_s
-            self.hand.lock(code)
-        is_known = code in self.alarms or any(is_explained(code, detail, by=known) for known in self.alarms)
-        if is_known and self.state is not S.RESETTING:  # a reset that fails of the same cause has failed
-            return
-        cause = self._latch(code, detail, remedy)
-        before = self.state
-        self.go(T.FAULTED, cause)
-        if self.drivers is None:
-            return
-        reaction = REACTIONS[code]
-        wants_reset = reaction.motion == "reset" or before in (S.ABORTING, S.HOMING)  # homing knows no hold
-        if self.is_cnc_alive and (wants_reset or before not in LATCHED):
-            self.quiesce.begin(self.times.wire.now(), reset=wants_reset, lead_s=lead_s)
-        if reaction.powder_off:
-            self.drivers.feeder.safe()
-        self.drivers.laser.enable(False)
-        if self.run is None:
-            return
-        if before is S.ABORTING:
-            self.quiesce.outcome = "aborted"
-        elif reaction.ends_job:
-            ending = "failed" if code in ("line_rejected", "tool", "datum") else "interrupted"
-            self.quiesce.outcome = self.quiesce.outcome or ending
-        if self.quiesce.outcome and not self.is_cnc_alive:
-            self.end_run(self.quiesce.outcome)
-
-    def _latch(self, code: str, detail: str, remedy: str) -> str:
-        """Make the alarm, in place of those that it explains; its cause in the operator's words."""
-        cause, cure = explain(code, detail, remedy)
-        now = self.times.unix()
-        replaced = [known for known, told in self.told.items() if known == code or is_explained(known, told.detail, by=code)]
-        began_at = min([now, *(self.alarms[known].at for known in replaced)])
-        for known in replaced:
-            del self.alarms[known], self.told[known]
-        self.alarms_made += 1
-        self.alarms[code] = Alarm(self.alarms_made, began_at, code, cause, cure)
-        self.told[code] = Told(detail, self.times.wire.now())
-        data = {"code": code, "detail": detail, "remedy": remedy, "shown_remedy": cure, "instead_of": replaced}
-        self.event("alarm", cause, data)
-        if replaced:
-            self.because = cause
-        return cause
+        """Latch a fault and carry out the reaction that the cell file has for it (reacting.py)."""
+        react(self, code, detail, remedy)
 
     @property
     def lead_s(self) -> float:
@@ -194,8 +157,10 @@ class Controller:
 
     @property
     def quiesce_pending(self) -> bool:
-        """Whether a run that is over has not yet been brought to rest."""
-        return self.drivers is not None and self.run is not None and bool(self.quiesce.outcome)
+        """Whether a run that is over has not yet been brought to rest, or the head is still to be taken back."""
+        if self.drivers is None:
+            return False
+        return self.retract.is_pending or (self.run is not None and bool(self.quiesce.outcome))
 
     def end_run(self, outcome: str) -> None:
         """The run is over: written down with the last executed line."""
@@ -205,7 +170,8 @@ class Controller:
         executed = run.executed
         self.journal.write(END, (self.times.unix(), outcome, executed, run.job))
         text = f"{run.name}: {outcome} after line {executed} of {run.total}"
-        self.event("job", text, {"outcome": outcome, "last_line": executed, "total_lines": run.total})
+        places = self.journal.box.moment.document
+        self.event("job", text, {"outcome": outcome, "last_line": executed, "total_lines": run.total, **places})
         self.ended = Ended(self.job_view(outcome), self.lines())
         self.run = None
         self.quiesce.outcome = ""
@@ -227,12 +193,39 @@ class Controller:
             self.fault("step_failed", error.message, error.hint)
         except LinkError as error:  # the CNC's line broke under this step: the next pump brings PortLost
             self.hand.lock(error.message)
-        situation = self._situation(now)
-        self.permissives = self.senses.permissives(situation)
-        is_allowed = may_emit(self.permissives)
-        lost = "; ".join(p.why for p in self.permissives if not p.ok)
-        self.hand.apply(is_allowed, lost)
+        self._decide(now)
         self._sample(now)
+
+    def act(self, now: float) -> None:
+        """Between two ticks: carry out what is due at its own time, and give or take the permit by the levels as they stand."""
+        if self.drivers is None:
+            return
+        try:
+            if self.state is S.RUNNING and self.run is not None:
+                self.run.follow(now)
+            self._decide(now)
+        except RangeError_ as error:
+            self.fault("step_failed", error.message, error.hint)
+
+    def judge(self) -> None:
+        """Fresh levels have come in: what they show latches now and takes the permit away. Only tick and act ever give it."""
+        if self.drivers is None:
+            return
+        now = self.times.wire.now()
+        try:
+            self._watch(now)
+        except LinkError as error:
+            self.hand.lock(error.message)
+        if self.hand.is_permitted:
+            lost = why_not(self.senses.permissives(self._situation(now)))
+            if lost:
+                self.hand.lock(lost)
+
+    def _decide(self, now: float) -> None:
+        """Permit with the wanted power, or neither, by every condition as it stands."""
+        self.permissives = self.senses.permissives(self._situation(now))
+        is_arming = self.run is not None and self.run.is_arming and may_emit([p for p in self.permissives if p.name != "depositing"])
+        self.hand.apply(may_emit(self.permissives), why_not(self.permissives), is_arming=is_arming)
 
     def pump(self) -> None:
         """Let the CNC's line read and write, and take in what it tells. Called by every tick and when bytes have come."""
@@ -245,7 +238,7 @@ class Controller:
     def _situation(self, now: float) -> Situation:
         run = self.run
         if run is None:
-            return Situation(self.state, bool(self.alarms), False, False, "no job", False, 0, None, 0.0)
+            return Situation(self.state, bool(self.alarms), False, False, "no job", False, 0, None, 0.0, self.retract.is_pending)
         return Situation(
             self.state,
             bool(self.alarms),
@@ -274,7 +267,6 @@ class Controller:
         if isinstance(event, StatusReport):
             if self.run is not None:
                 self.run.report(event.status)
-                self.hand.factor = self.run.follower.power_factor(event.status.overrides[0] / 100.0)
         elif isinstance(event, LineAccepted):
             if self.run is not None:
                 self.run.answered(self.times.wire.now())

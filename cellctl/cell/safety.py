@@ -37,6 +37,7 @@ class Situation:
     mode: int
     tool: int | None
     powder_g_min: float
+    is_retracting: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class Senses:
                 is_depositing=now.is_depositing,
                 is_moving=now.is_moving,
                 why_not_moving=now.why_not_moving,
+                state=now.state.value,
                 cnc_state="Run" if now.is_run_expected and state == "Idle" else state,
                 cnc_age_s=self.cnc_age_s,
                 cnc_stale_s=self._cell.limits.status_stale_s,
@@ -92,6 +94,7 @@ class Senses:
                 laser_words={name: _word(laser, name) for name in ("interlock_word", "fault_word")},
                 laser_enabled=self._d.laser.is_enabled,
                 feeder_words={"fault_word": _word(feeder, "fault_word")},
+                head=_signal(io, "head_deployed"),
                 heartbeats={
                     name: _signal(client, "heartbeat_readback")
                     for name, client in (("laser", laser), ("feeder", feeder), ("io", io))
@@ -102,11 +105,12 @@ class Senses:
     def faults(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         """(code, detail, remedy) of everything that has to latch, worst first."""
         yield from self._everywhere(now)
-        if now.state in IN_JOB or now.state is State.JOGGING:
+        is_by_hand = now.state in (State.JOGGING, State.HOMING) or now.is_retracting
+        if now.state in IN_JOB or now.state is State.JOGGING or now.is_retracting:
             yield from self._cnc()
-        if now.state in (State.JOGGING, State.HOMING):
+        if is_by_hand:
             yield from self._door()
-        if now.state in ACTIVE or now.state in (State.JOGGING, State.HOMING):
+        if now.state in ACTIVE or is_by_hand:
             yield from self._cnc_door(now)
         if now.state in ACTIVE:
             yield from self._interlocks()

@@ -7,8 +7,8 @@ from itertools import permutations
 import pytest
 
 from cellctl.domain.causes import CNC_ALARM_CAUSE, EXPLAINS, cause_of_alarm, causes_of_interlocks, is_explained
-from cellctl.domain.reactions import REACTIONS
 from config.device import load_device
+from config.reactions import DEFAULTS
 from drivers.cnc.codes import ALARMS
 
 WRONG = "generic fibre laser: wrong value read back: enable is 1, the device holds 0"
@@ -87,6 +87,6 @@ def test_what_is_left_out_is_never_the_harsher_report() -> None:
     """Whatever a cause explains stops no more than the cause itself: leaving it out loses no reaction."""
     for cause, explained in EXPLAINS.items():
         for code in explained:
-            assert REACTIONS[cause].ends_job >= REACTIONS[code].ends_job
-            assert (REACTIONS[cause].motion == "reset") >= (REACTIONS[code].motion == "reset")
-            assert REACTIONS[cause].powder_off >= REACTIONS[code].powder_off
+            assert DEFAULTS[cause].ends_job >= DEFAULTS[code].ends_job
+            assert (DEFAULTS[cause].motion == "reset") >= (DEFAULTS[code].motion == "reset")
+            assert (DEFAULTS[cause].powder == "off") >= (DEFAULTS[code].powder == "off")

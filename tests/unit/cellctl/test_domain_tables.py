@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from cellctl.domain import jobs, states
-from cellctl.domain.interlocks import Levels, Signal, may_emit, permissives
+from cellctl.domain.interlocks import LEVEL_WORDS, NAMES, Levels, Signal, may_emit, permissives
 from cellctl.domain.jobs import ENDED, JobState, WrongJobStateError
 from cellctl.domain.reactions import INTERLOCK_CAUSE, REACTIONS, explain
+from cellctl.domain.snapshot import Permissive
 from cellctl.domain.states import EXECUTION, HINTS, REST_OF, TRANSITIONS, State, Trigger, WrongStateError, after
+from config.reactions import DEFAULTS
 
 COMMANDS = (
     Trigger.HOLD,
@@ -116,7 +119,7 @@ def good_levels(**changes: object) -> Levels:
     fields: dict[str, object] = {
         "is_running": True, "is_depositing": True, "is_moving": True, "cnc_state": "Run", "cnc_age_s": 0.1, "laser_enabled": True,
         "interlocks": dict.fromkeys(INTERLOCK_CAUSE, FRESH), "laser_words": {"fault_word": CLEAR, "interlock_word": CLEAR},
-        "feeder_words": {"fault_word": CLEAR}, "heartbeats": {"laser": FRESH, "feeder": FRESH, "io": FRESH},
+        "feeder_words": {"fault_word": CLEAR}, "head": FRESH, "heartbeats": {"laser": FRESH, "feeder": FRESH, "io": FRESH},
     }  # fmt: skip
     return Levels(**{**fields, **changes})  # type: ignore[arg-type]
 
@@ -136,6 +139,8 @@ LOST: dict[str, dict[str, object]] = {
     "laser fault": {"laser_words": {"fault_word": FRESH}},
     "laser never read": {"laser_words": {}},
     "stale feeder": {"feeder_words": {"fault_word": Signal(0.0, 0.25, 0.25)}},
+    "head not deployed": {"head": CLEAR},
+    "stale head": {"head": Signal(1.0, 0.5, 0.5)},
     "no heartbeat": {"heartbeats": {"laser": Signal(1.0, 1.0, 0.25)}},
     "no heartbeats known": {"heartbeats": {}},
     "age unknown": {"cnc_age_s": float("nan")},
@@ -150,6 +155,26 @@ def test_one_lost_level_takes_the_permit_away_and_says_why(change: dict[str, obj
     conditions = permissives(good_levels(**change))
     assert not may_emit(conditions)
     assert all(condition.why for condition in conditions if not condition.ok)
+
+
+@pytest.mark.parametrize("change", [{}, *LOST.values()], ids=["good", *LOST])
+def test_every_permissive_tells_its_level_and_age_in_numbers_that_json_knows(change: dict[str, object]) -> None:
+    conditions = permissives(good_levels(**change))
+    assert tuple(condition.name for condition in conditions) == NAMES
+    assert all(condition.level for condition in conditions)
+    decoded = msgspec.json.decode(msgspec.json.encode(conditions), type=list[Permissive])
+    assert decoded == conditions
+    for condition in conditions:
+        assert (condition.age_s < 0) == (condition.stale_s == 0), "either nothing is read, or age and limit are both told"
+        assert not condition.ok or condition.age_s < max(condition.stale_s, 0.0) or condition.stale_s == 0
+
+
+def test_every_interlock_is_a_permissive_of_its_own() -> None:
+    assert set(INTERLOCK_CAUSE.values()) == set(LEVEL_WORDS) <= set(NAMES)
+
+
+def test_there_are_words_for_every_reaction_and_a_reaction_for_all_words() -> None:
+    assert set(DEFAULTS) == set(REACTIONS)
 
 
 def test_no_conditions_at_all_are_no_permit() -> None:
