@@ -18,10 +18,10 @@ class LaserHand:
         self.dark_since = clock.now()
         self.because = ""
 
-    def apply(self, may_emit: bool, because: str) -> None:
-        """Permit with the wanted power, or neither."""
+    def apply(self, may_emit: bool, because: str, *, is_arming: bool = False) -> None:
+        """Permit with the wanted power, or neither; arming: the power alone, because the permit is about to come."""
         if not may_emit:
-            self.lock(because)
+            self._take(because, self.power_wanted_w * self.factor if is_arming else 0.0)
             return
         self._laser.set_power(self.power_wanted_w * self.factor)
         self._laser.permit(True)
@@ -41,9 +41,12 @@ class LaserHand:
 
     def lock(self, because: str) -> None:
         """Permit and power off, now. Harmless twice."""
+        self._take(because, 0.0)
+
+    def _take(self, because: str, power_w: float) -> None:
         if self.is_permitted:
             self.dark_since = self._clock.now()
         self.is_permitted = False
         self.because = because
         self._laser.permit(False)
-        self._laser.set_power(0.0)
+        self._laser.set_power(power_w)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from cellctl.cell.arc_ways import bows, plane_of
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import DEPOSIT, SAFE, Modes
+from cellctl.cell.power_share import PowerShare
+from cellctl.cell.set_points import LASER_CHANNELS, Leads, SetPoints
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.domain.sync import Follower, MotionJudge, Timeline
 from config.cell import Cell
@@ -20,10 +22,12 @@ from drivers.cell_wires import CellDrivers
 from drivers.cnc.events import Status
 from planner.program import Channel, LineKind, Program
 
+FEEDER_CHANNELS = tuple(channel for channel in Channel if channel not in LASER_CHANNELS)
 GATE_WORD = re.compile(r"M6([23])\s*P(\d+)")
 COMMENT = re.compile(r"\([^)]*\)|;.*")
 TOOL_WORD = re.compile(r"T(\d+)")
 IDLE_TIMEOUT_S = 5.0
+ARM_S = 0.1  # the laser's level is written so long before the permit, beside its own time for it
 EXPECT_PERIODS = 2.5  # status periods for which motion is taken for granted after a release with the gate shut
 
 
@@ -82,18 +86,16 @@ class Run:
         self._period_s = period
         schedule = program.schedule
         self._schedule = schedule
-        self._cursor = 0
+        self._points = SetPoints(program, self.timeline, self.follower, Leads(drivers, cell.response))
+        self._share = PowerShare(self.follower)
+        self.is_arming = False  # the permit is about to come: its level goes ahead
         self._barriers = np.unique(schedule["n"][schedule["barrier"] == 1]).astype(int)
         self._released = 0
         self._answered_at = -1.0
         tools = np.flatnonzero(program.table["kind"] == LineKind.TOOL)
         found = ((int(i), TOOL_WORD.search(COMMENT.sub("", program.lines[int(i)]))) for i in tools)
         self._tools = [(i, int(word.group(1))) for i, word in found if word]
-        self._latency_s = {
-            name: client.device.latency_s
-            for name, client in (("laser", drivers.laser.client), ("feeder", drivers.feeder.client))
-        }
-        self._emitting = np.flatnonzero(self.timeline.is_emitting)
+        drivers.laser.edges.is_gated = program.gate == "stream"
         drivers.cnc.load(program.lines, times_s=cast("Sequence[float]", self.timeline.time_end_s))
 
     # -- progress ------------------------------------------------------------------------------------------------------
@@ -152,6 +154,7 @@ class Run:
         joints = np.array([status.machine[letter] for letter in letters])
         is_run = status.state == "Run" or (status.state == "Idle" and self._is_dwell(self.line))
         self.follower.report(self.line, joints, status.at, is_run=is_run, feed=status.feed_mm_min)
+        self._share.report()
         self.judge.report(self.follower)
         if status.state not in ("Run", "Idle"):
             self.judge.standstill(f"the CNC is {status.state}")
@@ -161,32 +164,23 @@ class Run:
 
     def follow(self, now: float) -> None:
         """Carry out what the schedule has for the place where the machine will be once the device has reacted."""
-        reach = {device: self._reach(now + latency) for device, latency in self._latency_s.items()}
-        self._carry_out(reach["laser"], reach["feeder"])
+        self._take(now, self.line)
+        status = self._d.cnc.status
+        if status is not None:
+            self._hand.factor = self._share.share(status.overrides[0] / 100.0)
+        lead_s = ARM_S + self._d.laser.client.latency.level_s + self._d.laser.client.latency.read.longest_s
+        self.is_arming = self.mode == DEPOSIT and self._points.switches_on_within(now, self._released, lead_s)
+        self._d.laser.client.due(self._points.due_at(now, self._released, LASER_CHANNELS))
+        self._d.feeder.client.due(self._points.due_at(now, self._released, FEEDER_CHANNELS))
         self._expect_end_of_dwell(now)
 
-    def _reach(self, at: float) -> int:
-        return max(self.line, self.timeline.line_at(self.follower.predicted_time(at)))
+    def _take(self, now: float, line: int) -> None:
+        for channel, value in self._points.take(now, line, self._released):
+            self._set(channel, value)
 
-    def _carry_out(self, laser_reach: int, feeder_reach: int) -> None:
-        """Entries up to a line index, never beyond what may execute.
-
-        Where the stream gates the laser, its level is set as soon as the gate is shut before the pass that needs it.
-        """
-        level_reach = max(laser_reach, self._next_emitting()) if self.program.gate == "stream" else laser_reach
-        reaches = {Channel.LASER_W: level_reach, Channel.EMISSION: laser_reach}
-        while self._cursor < len(self._schedule):
-            entry = self._schedule[self._cursor]
-            index, channel = int(entry["n"]) - 1, Channel(int(entry["channel"]))
-            if entry["barrier"] or index >= self._released or index > reaches.get(channel, feeder_reach):
-                return
-            self._set(channel, float(entry["value"]))
-            self._cursor += 1
-
-    def _next_emitting(self) -> int:
-        """Index of the next line with the gate open, from the one that executes on."""
-        position = int(np.searchsorted(self._emitting, self.line))
-        return int(self._emitting[position]) if position < len(self._emitting) else self.line
+    def due_at(self) -> float | None:
+        """Wire time (s) at which the next set-point has to be sent, to be followed then; None: none is in sight."""
+        return self._points.due_at(self._d.laser.client.clock.now(), self._released)
 
     def _expect_end_of_dwell(self, now: float) -> None:
         """A dwell with the gate shut ends at a known time: the permit has to be back before the pass behind it."""
@@ -254,11 +248,10 @@ class Run:
         self.judge.standstill("the cell prepares the next operation")
         steps = [self._idle()]
         n = self._released + 1
-        self._skip_to(n)
-        entries = self._schedule[self._cursor :]
-        for entry in entries[entries["n"] == n]:
-            if entry["barrier"]:
-                steps += self._steps(int(entry["channel"]), float(entry["value"]), n - 1)
+        self._set_up_to(n - 1)
+        for row in np.flatnonzero((self._schedule["n"] == n) & (self._schedule["barrier"] == 1)):
+            entry = self._schedule[row]
+            steps += self._steps(int(entry["channel"]), float(entry["value"]), n - 1)
         self.transaction = Transaction(steps)
 
     def _idle(self) -> Step:
@@ -276,13 +269,10 @@ class Run:
             act=let_go,
         )
 
-    def _skip_to(self, n: int) -> None:
-        """Carry out what was due before line n and was not reached by prediction: the machine stands at n."""
-        while self._cursor < len(self._schedule) and int(self._schedule["n"][self._cursor]) < n:
-            entry = self._schedule[self._cursor]
-            if not entry["barrier"]:
-                self._set(int(entry["channel"]), float(entry["value"]))
-            self._cursor += 1
+    def _set_up_to(self, n: int) -> None:
+        """Carry out what was due up to line n and was not reached by prediction: the machine stands there."""
+        for channel, value in self._points.take_up_to(n):
+            self._set(channel, value)
 
     def _steps(self, channel: int, value: float, index: int) -> list[Step]:
         if channel == Channel.MODE:
@@ -307,18 +297,14 @@ class Run:
         """The sequence is verified: let the stream go up to the next barrier."""
         self.transaction = None
         n = self._released + 1
-        while self._cursor < len(self._schedule) and int(self._schedule["n"][self._cursor]) <= n:
-            entry = self._schedule[self._cursor]
-            if not entry["barrier"]:
-                self._set(int(entry["channel"]), float(entry["value"]))
-            self._cursor += 1
+        self._set_up_to(n)
         start = self._released
         self._released = n  # the search for the next barrier begins behind this line
         barrier = self.next_barrier
         self._released = barrier if barrier is not None else self.total
         if self.program.gate == "stream" and self.mode == DEPOSIT and not self.timeline.is_emitting[max(start - 1, 0)]:
             self.judge.expect(now)
-        self._carry_out(start, start)
+        self._take(now, start)
         self._d.cnc.release(self._released)
 
     def restore(self) -> list[Step]:

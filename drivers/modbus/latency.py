@@ -105,14 +105,19 @@ class Latency:
         return max(self.write.value_s - (self._answer_line_s if self.write.samples >= LEAST else 0.0), 0.0)
 
     @property
+    def level_s(self) -> float:
+        """From the begin of a write of a level to half of the change (s)."""
+        return self.acts_s + self._half_s
+
+    @property
     def on(self) -> Learnt:
         """From the begin of a write that switches on to half of the output."""
-        return self.rise.believed(self.acts_s + self._half_s)
+        return self.rise.believed(self.level_s)
 
     @property
     def off(self) -> Learnt:
         """From the begin of a write that switches off to half of the output."""
-        return self.fall.believed(self.acts_s + self._half_s)
+        return self.fall.believed(self.level_s)
 
     @property
     def _half_s(self) -> float:
