@@ -23,10 +23,10 @@ from planner.program import Program
 from sim.world import World
 from tests.cell.jobs import one_wall
 from tests.cell.plant_wires import ManualClock, PlantWires
+from tests.cell.witness import DARK_W, PlantWitness
 
 UNIX_START = 1_800_000_000.0
 SPINS = 12  # turns of the event loop that one tick's work may take
-DARK_W = 10.0  # about 1 % of the power: tail of the laser's ramp
 ROLES = ("laser", "feeder", "io")
 LONGEST_S = 600.0
 
@@ -54,10 +54,7 @@ class CellUnderTest:
         self.programs: dict[str, Program] = {}
         self.events: list[Event] = []
         self.ids = itertools.count(1)
-        self.max_standstill_emission_w = 0.0
-        self.standstill_s = 0.0  # wire time of light at standstill, longest in one go
-        self._standing_s = 0.0
-        self.burnt_lines: set[int] = set()
+        self.witness = PlantWitness(self.sim)
         self.is_alive = False
         self.is_ticking = True
 
@@ -118,7 +115,6 @@ class CellUnderTest:
             if until is not None and until():
                 return
             self.sim.step(tick * self.time_scale)
-            self._witness()
             self.clock.advance(tick)
             await self._settle()
             if self.is_alive and self.is_ticking:
@@ -154,25 +150,26 @@ class CellUnderTest:
                 return
             await asyncio.sleep(0)
 
-    def _witness(self) -> None:
-        """Note at the plant what must never be: light at standstill."""
-        trace = self.sim.trace
-        for k in range(len(trace.dt)):
-            is_lit = trace.emission_w[k] > DARK_W
-            if is_lit:
-                self.burnt_lines.add(int(trace.line[k]))
-            if is_lit and trace.dt[k] > 0 and abs(trace.tip1[k] - trace.tip0[k]).max() == 0.0:
-                self.max_standstill_emission_w = max(self.max_standstill_emission_w, float(trace.emission_w[k]))
-                self._standing_s += float(trace.dt[k]) / self.time_scale
-                self.standstill_s = max(self.standstill_s, self._standing_s)
-            elif trace.dt[k] > 0:
-                self._standing_s = 0.0
+    # -- what the plant saw --------------------------------------------------------------------------------------------
+
+    @property
+    def max_standstill_emission_w(self) -> float:
+        return self.witness.max_standstill_emission_w
+
+    @property
+    def standstill_s(self) -> float:
+        return self.witness.standstill_s
+
+    @property
+    def burnt_lines(self) -> set[int]:
+        return self.witness.burnt_lines
 
     # -- commands ------------------------------------------------------------------------------------------------------
 
-    async def command(self, verb: str, ident: str = "", because: str = "test", **args: Any) -> Reply:
+    async def command(self, verb: str, ident: str = "", because: str = "test", client: str = "", **args: Any) -> Reply:
         """Send a command and let time go by until it is answered."""
-        command = Command(ident or f"c{next(self.ids)}-{self.clock.now()}", verb, "tester", because, args)
+        name = ident or f"c{next(self.ids)}-{self.clock.now()}"
+        command = Command(name, verb, "tester", because, args, client)
         task = asyncio.get_running_loop().create_task(self.commands.handle(command))
         await self._settle()
         while not task.done():

@@ -16,6 +16,7 @@ from drivers.interlocks import Io
 from drivers.laser import Laser
 from drivers.modbus.device import DeviceClient
 from sim.modbus.registers import ModbusFault
+from sim.modbus.wire import Wire
 from sim.world import World
 
 
@@ -51,10 +52,12 @@ class FirmwarePort:
     def __init__(self, world: World) -> None:
         self._world = world
         self.is_unplugged = False
+        self._pulls = world.plug.pulls
         self.sent = bytearray()
 
     def _check(self) -> None:
-        if self.is_unplugged:
+        plug = self._world.plug
+        if self.is_unplugged or plug.is_out or plug.pulls != self._pulls:
             raise LinkLost("serial port cnc is gone", "plug it in again")
 
     def read(self) -> bytes:
@@ -83,8 +86,6 @@ class FirmwarePort:
 class DirectLink:
     """A Modbus line that ends in a register bank of the world; honours the faults of the world's wire."""
 
-    connected = True
-
     def __init__(self, world: World, role: str, clock: ManualClock, timeout_s: float) -> None:
         self._world = world
         self._role = role
@@ -93,21 +94,35 @@ class DirectLink:
         self.name = f"memory:{role}"
         self.requests = 0
         self.written: list[tuple[str, int, list[int]]] = []
+        self._breaks = self._wire.breaks
+
+    @property
+    def _wire(self) -> Wire:
+        return self._world.wires[self._role]
+
+    @property
+    def connected(self) -> bool:
+        return not self._wire.is_gone and self._breaks == self._wire.breaks
 
     async def connect(self) -> None:
-        pass
+        if self._wire.is_gone:
+            raise PortAbsent(f"nothing answers at {self.name}", "check the device's power")
+        self._breaks = self._wire.breaks
 
     async def close(self) -> None:
         pass
 
     async def _answer(self) -> None:
-        wire = self._world.wires[self._role]
+        wire = self._wire
         self.requests += 1
-        if wire.is_silent or wire.delay_s > self._timeout_s:
+        if not self.connected:
+            raise LinkLost(f"{self.name} was closed", "check the device's power and cable")
+        delay_s = wire.take_delay_s()
+        if wire.is_silent or delay_s > self._timeout_s:
             await self._clock.sleep(self._timeout_s)
             raise DeviceSilent(f"{self.name} does not answer", "look at its power and cable")
-        if wire.delay_s:
-            await self._clock.sleep(wire.delay_s)
+        if delay_s:
+            await self._clock.sleep(delay_s)
         if wire.exception:
             raise DeviceFault(f"{self.name} answers exception {wire.exception}", "look at the device", wire.exception)
 
@@ -149,7 +164,8 @@ class PlantWires:
         )
 
     def reopen_cnc(self) -> CncDriver:
-        if self.is_port_absent:
+        plug = self._world.plug
+        if self.is_port_absent or plug.is_out or plug.name:
             raise PortAbsent("serial port cnc is not there", "plug the CNC in")
         self.port = FirmwarePort(self._world)
         return CncDriver(self.port, self._cell.cnc, self._cell.letters, self._clock)
