@@ -1,119 +1,38 @@
-"""Where the machine is on the Program, and where it will be: reported line and position projected on time and arc length."""
+"""Where the machine is on the Program, and where it will be: reports matched with the line table, and what happens between them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+import math
+from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.domain.arcs import along_and_across, arc_over_chord, fraction_of_arc
+from cellctl.domain.matching import Candidate, candidates
+from cellctl.domain.profile import SpeedProfile
+from cellctl.domain.timeline import STANDSTILL, MotionLimits, Timeline
+
+__all__ = ["Follower", "MotionJudge", "MotionLimits", "Report", "Timeline"]
+
+Floats = NDArray[np.float64]
+Place = tuple[int, float]  # line index, fraction of it
 
 RATE_BOUNDS = (
     0.0,
     1000.0,
-)  # program seconds per wire second; above 1 only where a simulated cell runs faster than life
-STANDSTILL = 1e-3  # mm or deg: a joint that moved less between two reports did not move (firmware prints 3 decimals)
-
-
-@dataclass(frozen=True)
-class Timeline:
-    """The line table of a Program as arrays that can be searched.
-
-    time_start_s, time_end_s : (n,) float, predicted, from the start of the Program
-    arc_mm : (n + 1,) float, path length of the tip in the build frame up to the start of each line, and at the end
-    tip_end, axis_end : (n, 3) float; joints_end : (n, axes) float, machine coordinates
-    is_emitting : (n,) bool, whether the gate is open on this line by the Program's own words
-    bulge : (n,) float, tan(sweep / 4) of lines that are arcs of the joints of `plane`, 0: straight; none: all are
-    bow : (n, 3) float, build frame, from the middle of the chord of the tip's way to the middle of the arc
-    """
-
-    time_start_s: NDArray[np.float64]
-    time_end_s: NDArray[np.float64]
-    arc_mm: NDArray[np.float64]
-    tip_end: NDArray[np.float64]
-    axis_end: NDArray[np.float64]
-    joints_end: NDArray[np.float64]
-    is_emitting: NDArray[np.bool_]
-    bulge: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    bow: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
-    plane: tuple[int, int] = (0, 1)
-
-    @classmethod
-    def from_table(
-        cls,
-        table: NDArray[Any],
-        is_emitting: NDArray[np.bool_],
-        bow: NDArray[np.float64] | None = None,
-        plane: tuple[int, int] = (0, 1),
-    ) -> Timeline:
-        """From a Program's table, (n,) of planner.program.LINE_DTYPE, and the gate of each line; bow, plane : of its arcs."""
-        tip = np.ascontiguousarray(table["tip_end"], dtype=np.float64)
-        bulge = np.ascontiguousarray(table["bulge"], dtype=np.float64)
-        steps = np.linalg.norm(np.diff(tip, axis=0), axis=1) if len(tip) > 1 else np.zeros(0)
-        steps *= arc_over_chord(bulge[1:])
-        first = np.zeros(2 if len(tip) else 1)
-        return cls(
-            np.ascontiguousarray(table["time_start_s"], dtype=np.float64),
-            np.ascontiguousarray(table["time_end_s"], dtype=np.float64),
-            np.concatenate([first, np.cumsum(steps)]),
-            tip,
-            np.ascontiguousarray(table["axis_end"], dtype=np.float64),
-            np.ascontiguousarray(table["joints_end"], dtype=np.float64),
-            is_emitting,
-            bulge,
-            np.zeros((len(tip), 3)) if bow is None else bow,
-            plane,
-        )
-
-    def __len__(self) -> int:
-        return len(self.time_start_s)
-
-    def fraction(self, line: int, joints: NDArray[np.float64]) -> float:
-        """How much of the line is behind reported joints (axes,): projection on its chord or its arc, 0..1. A line without motion gives 0."""
-        if line <= 0 or line >= len(self):
-            return 0.0
-        start = self.joints_end[line - 1]
-        chord = self.joints_end[line] - start
-        square = float(chord @ chord)
-        if square < STANDSTILL**2:
-            return 0.0
-        if len(self.bulge) and self.bulge[line] != 0.0:
-            xy = list(self.plane)
-            return fraction_of_arc(start[xy], self.joints_end[line][xy], float(self.bulge[line]), joints[xy])
-        return min(max(float((joints - start) @ chord) / square, 0.0), 1.0)
-
-    def time_at(self, line: int, fraction: float) -> float:
-        """Program time (s) at a fraction of a line."""
-        if not len(self):
-            return 0.0
-        line = min(max(line, 0), len(self) - 1)
-        return float(self.time_start_s[line] + fraction * (self.time_end_s[line] - self.time_start_s[line]))
-
-    def arc_at(self, line: int, fraction: float) -> float:
-        """Path length of the tip (mm) at a fraction of a line."""
-        if not len(self):
-            return 0.0
-        line = min(max(line, 0), len(self) - 1)
-        return float(self.arc_mm[line] + fraction * (self.arc_mm[line + 1] - self.arc_mm[line]))
-
-    def tip_at(self, line: int, fraction: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Tip (3,) mm and tool axis (3,) in the build frame at a fraction of a line."""
-        line = min(max(line, 0), len(self) - 1)
-        before = max(line - 1, 0)
-        bulge = float(self.bulge[line]) if len(self.bulge) else 0.0
-        along, across = along_and_across(bulge, fraction)
-        tip = self.tip_end[before] + along * (self.tip_end[line] - self.tip_end[before])
-        if bulge != 0.0:
-            tip += across * 2.0 / abs(bulge) * self.bow[line]
-        axis = self.axis_end[before] + fraction * (self.axis_end[line] - self.axis_end[before])
-        length = float(np.linalg.norm(axis))
-        return tip, axis / length if length > 0 else self.axis_end[line]
-
-    def line_at(self, time_s: float) -> int:
-        """Index of the line that is executing at a program time."""
-        return int(min(max(int(np.searchsorted(self.time_end_s, time_s, side="right")), 0), max(len(self) - 1, 0)))
+)  # process seconds per wire second; above 1 only where a simulated cell runs faster than life
+HORIZON_PERIODS = 2.0  # status periods beyond the last report after which nothing is predicted any more
+SPANS = 10  # between reports, from which the rate is taken
+NOISE_S = 0.012  # reports may be late by so much (USB bridges 1-16 ms, a loaded host); what is more is a change of speed
+CHANGE = 0.15  # of the rate: a change
+REACH_SLACK = 1.3  # on what may have been covered since the last report
+REACH_S = 0.05
+WINDOW_LINES = 4096  # looked at once at most
+LOST_MM = 0.5  # a place farther from the Program than this is none of it
+COMMANDED_S = 0.5  # an override that was commanded is believed for so long against reports that do not know it yet
+CHUNKS_AHEAD = 4  # looked at in detail; the table tells what is beyond
+FADE = 0.8  # of an earlier error in the estimate, per report
 
 
 @dataclass(frozen=True)
@@ -124,16 +43,36 @@ class Report:
     fraction: float
     time_s: float
     arc_mm: float
-    joints: NDArray[np.float64]
+    joints: Floats
     at: float
     is_run: bool
     feed: float
 
 
+@dataclass(frozen=True)
+class Ramp:
+    """From the speed that the machine has to that of the profile: a start from a hold, or a changed override.
+
+    speed, goal : in the norm of all joints, per process second; acceleration > 0
+    """
+
+    speed: float
+    goal: float
+    acceleration: float
+
+    def lost_s(self, seconds: float) -> float:
+        """How far the profile is ahead after so many process seconds, in its own time (s)."""
+        gap = self.goal - self.speed
+        span = min(seconds, abs(gap) / self.acceleration)
+        return (gap * span - math.copysign(0.5 * self.acceleration * span * span, gap)) / self.goal
+
+
 class Follower:
     """Follows the machine along a Timeline from reports, and predicts between them.
 
-    Program time runs at a measured rate: 1 at programmed speed, less at reduced override or on corners, 0 at standstill.
+    Every line has its trapezoid of speed (SpeedProfile) at the feed override that is reported; process time runs at a measured rate on it:
+    1 for a control that moves as predicted. `source` tells what the place rests on: "Ln", or "position" alone (then matched in a window
+    that only goes forward). `error_mm` is what the last reports were away from their prediction.
     """
 
     def __init__(self, timeline: Timeline, period_s: float) -> None:
@@ -143,32 +82,226 @@ class Follower:
         self.last: Report | None = None
         self.speed_mm_s = 0.0
         self.is_joint_moving = False
+        self.source = "position"
+        self.override = 1.0
+        self.error_mm = math.inf
+        self._profile = SpeedProfile(timeline)
+        self._place: Place = (0, 0.0)
+        self._at = 0.0  # wire time at which the machine was there
+        self._ramp: Ramp | None = None
+        self._is_still = False  # the place is on a line without motion
+        self._commanded: tuple[float, float] | None = None  # override and until when it is believed
+        self._spans: deque[tuple[float, float]] = deque(maxlen=SPANS)
+        self._late: tuple[float, float] | None = None  # a span that did not fit
 
-    def report(self, line: int, joints: NDArray[np.float64], at: float, *, is_run: bool, feed: float) -> None:
-        """Take a status report in. joints : (axes,) machine coordinates; at : wire time (s), later than the one before."""
-        fraction = self.timeline.fraction(line, joints)
+    # -- reports -------------------------------------------------------------------------------------------------------
+
+    def report(
+        self,
+        line: int,
+        joints: Floats,
+        at: float,
+        *,
+        is_run: bool,
+        feed: float,
+        override: float = 1.0,
+        is_line_told: bool = True,
+    ) -> None:
+        """Take a status report in.
+
+        line : index of the executing line, or, where the report does not tell it, of the last one that may execute
+        joints : (axes,) machine coordinates    at : wire time (s) at which the report was formed    override : of the feed, 1 as programmed
+        """
+        if not len(self.timeline):
+            return
         before = self.last
-        time_s = self.timeline.time_at(line, fraction)
-        if before is not None and line == before.line and fraction == before.fraction == 0.0 and is_run:
-            # A line without motion (dwell): only time passes on it.
-            time_s = min(self.predicted_time(at), self.timeline.time_at(line, 1.0))
-        now = Report(line, fraction, time_s, self.timeline.arc_at(line, fraction), joints, at, is_run, feed)
+        if is_line_told and is_run:
+            self.source = "Ln"
+        self._take_override(override, at)
+        guess = self._place_at(at)
+        place, is_still, miss = self._match(line, joints, at, guess, is_line_told)
+        now = Report(place[0], place[1], self.timeline.time_at(*place), self.timeline.arc_at(*place), joints, at, is_run, feed)
         if before is not None and at > before.at:
-            span = at - before.at
             self.is_joint_moving = bool(np.max(np.abs(joints - before.joints), initial=0.0) > STANDSTILL)
-            self.speed_mm_s = max(now.arc_mm - before.arc_mm, 0.0) / span if is_run else 0.0
-            if is_run and before.is_run and now.time_s > before.time_s:
-                measured = (now.time_s - before.time_s) / span
-                self.rate = min(max(0.5 * self.rate + 0.5 * measured, RATE_BOUNDS[0]), RATE_BOUNDS[1])
+            self.speed_mm_s = max(now.arc_mm - before.arc_mm, 0.0) / (at - before.at) if is_run else 0.0
+        self._learn(place, is_still, guess, before, now, miss)
         self.last = now
 
-    def predicted_time(self, at: float) -> float:
-        """Program time (s) at a wire time: at the measured rate for at most two status periods beyond the last report."""
+    def command_override(self, override: float, at: float) -> None:
+        """The feed override was commanded at wire time `at` (s): reports tell it only later."""
+        self._change_override(override, at)
+        self._commanded = (override, at + COMMANDED_S)
+
+    def _take_override(self, override: float, at: float) -> None:
+        if self._commanded is not None and (override == self._commanded[0] or at > self._commanded[1]):
+            self._commanded = None
+        if self._commanded is None and override != self.override:
+            self._change_override(override, at)
+
+    def _change_override(self, override: float, at: float) -> None:
+        place = self._place_at(at)
+        speed, acceleration = self._profile.chunk(place[0], self.override).speed(*place)
+        self.override = override
+        goal = self._profile.chunk(place[0], override).speed(*place)[0]
+        self._place, self._at = place, max(at, self._at)
+        self._ramp = Ramp(speed, goal, acceleration) if goal > 0.0 else None
+
+    def _match(
+        self, line: int, joints: Floats, at: float, guess: Place, is_line_told: bool
+    ) -> tuple[Place, bool, float]:
+        """The place of a report, whether it is on a line without motion, and how far the joints are from it."""
+        first = self._place[0]
+        last = max(line, first) if is_line_told else min(max(line, first), self._reach(at))
         if self.last is None:
-            return 0.0
+            first = max(last - 1, 0) if is_line_told else 0
+        found, miss = candidates(self.timeline, max(first, last - WINDOW_LINES), last, joints)
+        if miss > LOST_MM and not is_line_told:
+            found, miss = candidates(self.timeline, first, min(max(line, first), first + WINDOW_LINES), joints)
+            if miss > LOST_MM:
+                return self._place, self._is_still, miss
+        best: tuple[float, Place, bool] | None = None
+        for each in found:
+            place = self._within(each, guess)
+            if place[0] == self._place[0] and place[1] < self._place[1] and not each.is_still:
+                place = place if self._place[1] - place[1] > 1e-2 else self._place
+            away = abs(self._between(guess, place))
+            if best is None or away < best[0]:
+                best = (away, place, each.is_still)
+        assert best is not None
+        return best[1], best[2], miss
+
+    def _within(self, each: Candidate, guess: Place) -> Place:
+        """The candidate's place; on a line without motion as far as it was expected."""
+        if not each.is_still or each.line > guess[0]:
+            return each.line, each.fraction
+        return each.line, guess[1] if each.line == guess[0] else 1.0
+
+    def _reach(self, at: float) -> int:
+        """Index of the line that the machine cannot have left behind since the last report."""
+        timeline = self.timeline
+        line, fraction = self._place
+        passed = at - self._at if self.last is not None and self.last.is_run else 0.0
+        ahead = (min(max(passed, self.period_s), 2.0) * max(self.rate, 1.0) * REACH_SLACK + REACH_S) * max(self.override, 1.0)
+        upto = timeline.time_at(line, fraction) + ahead
+        last = timeline.line_at(upto)
+        for _ in range(8):  # pauses may be shorter than the table has them
+            if last >= len(timeline) - 1 or self._profile.is_moving(last, self.override):
+                break
+            upto = float(timeline.time_end_s[last]) + ahead
+            last = max(timeline.line_at(upto), last + 1)
+        return last
+
+    # -- rate and error ------------------------------------------------------------------------------------------------
+
+    def _learn(
+        self, place: Place, is_still: bool, guess: Place, before: Report | None, now: Report, miss: float
+    ) -> None:
+        """Take the place over, and the rate from how far it is from the one before."""
+        if before is None or now.at <= before.at:
+            self._settle(place, now.at, is_still)
+            return
+        span = now.at - self._at
+        was_still = self._is_still or not before.is_run
+        progress = self._between(self._place, place)
+        ahead = self._between(guess, place)  # process seconds that the prediction was short of
+        if now.is_run and before.is_run:
+            off = abs(now.arc_mm - self.timeline.arc_at(*guess)) + miss
+            self.error_mm = max(off, FADE * self.error_mm) if math.isfinite(self.error_mm) else off
+        ramp = self._ramp_from(was_still and not is_still, place) if now.is_run else None
+        if now.is_run and not was_still and not is_still and self._ramp is None and span > 0.0 and progress > 0.0:
+            self._take_span(progress, span, ahead)
+        self._settle(place, now.at, is_still)
+        self._ramp = ramp
+
+    def _take_span(self, progress: float, span: float, ahead: float) -> None:
+        measured = min(max(progress / span, RATE_BOUNDS[0]), RATE_BOUNDS[1])
+        is_off = bool(self._spans) and abs(ahead) > max(NOISE_S * self.rate, CHANGE * self.rate * span)
+        if is_off and self._late is None:
+            self._late = (progress, span)  # believed when the next one says the same
+            return
+        if is_off or not self._spans:
+            self._spans.clear()
+        self._late = None
+        self._spans.append((measured * span, span))
+        self.rate = sum(p for p, _ in self._spans) / sum(s for _, s in self._spans)
+
+    def _settle(self, place: Place, at: float, is_still: bool) -> None:
+        self._place, self._at, self._is_still, self._ramp = place, at, is_still, None
+
+    def _ramp_from(self, has_stood: bool, place: Place) -> Ramp | None:
+        """The ramp that a machine is on which stood at the place before."""
+        chunk = self._profile.chunk(place[0], self.override)
+        goal, acceleration = chunk.speed(*place)
+        if not has_stood or goal <= 0.0:
+            return None
+        speed = math.sqrt(2.0 * acceleration * self._way(self._place, place))
+        return Ramp(speed, goal, acceleration) if speed < goal else None
+
+    def _way(self, here: Place, there: Place) -> float:
+        """Length from one place to a later one in the norm of all joints; that of the last line alone if they are not in one chunk."""
+        chunk = self._profile.chunk(there[0], self.override)
+        first = max(here[0], chunk.first) - chunk.first
+        k = there[0] - chunk.first
+        done = chunk.length[first] * here[1] if here[0] >= chunk.first else 0.0
+        return max(sum(chunk.length[first:k]) + chunk.length[k] * there[1] - done, 0.0)
+
+    # -- prediction ----------------------------------------------------------------------------------------------------
+
+    def predicted_place(self, at: float) -> Place:
+        """Line index and fraction at a wire time (s); stands still two status periods beyond the last report."""
+        if self.last is None or not len(self.timeline):
+            return 0, 0.0
         if not self.last.is_run:
-            return self.last.time_s
-        return self.last.time_s + self.rate * min(max(at - self.last.at, 0.0), 2.0 * self.period_s)
+            return self._place
+        return self._place_at(min(at, self.last.at + HORIZON_PERIODS * self.period_s))
+
+    def predicted_time(self, at: float) -> float:
+        """Program time (s, of the table) at a wire time."""
+        return self.timeline.time_at(*self.predicted_place(at)) if self.last is not None else 0.0
+
+    def predicted_arc(self, at: float) -> float:
+        """Path length of the tip (mm) at a wire time."""
+        return self.timeline.arc_at(*self.predicted_place(at)) if self.last is not None else 0.0
+
+    def time_of_line(self, line: int) -> float:
+        """Wire time (s) at which the machine begins the line of this index, or began it; inf while it does not run and has it before it."""
+        if self.last is None:
+            return math.inf
+        if not self.last.is_run:
+            return self._at if line <= self._place[0] else math.inf
+        seconds = self._between(self._place, (line, 0.0))
+        if self._ramp is not None and seconds > 0.0:
+            seconds += self._ramp.lost_s(seconds)
+        return self._at + seconds / self.rate if self.rate > 0.0 else math.inf
+
+    def _place_at(self, at: float) -> Place:
+        seconds = self.rate * max(at - self._at, 0.0)
+        if self.last is not None and not self.last.is_run:
+            return self._place
+        if self._ramp is not None:
+            seconds -= self._ramp.lost_s(seconds)
+        chunk = self._profile.chunk(self._place[0], self.override)
+        seconds += chunk.time(*self._place)
+        while seconds > chunk.tau[-1] and chunk.last < len(self.timeline) - 1:
+            seconds -= chunk.tau[-1]
+            chunk = self._profile.chunk(chunk.last + 1, self.override)
+        return chunk.place(seconds)
+
+    def _between(self, here: Place, there: Place) -> float:
+        """Process seconds from one place to another by the profile; beyond some chunks by the table."""
+        if there < here:
+            return -self._between(there, here)
+        chunk = self._profile.chunk(here[0], self.override)
+        seconds = -chunk.time(*here)
+        for _ in range(CHUNKS_AHEAD):
+            if there[0] <= chunk.last:
+                return seconds + chunk.time(*there)
+            seconds += chunk.tau[-1]
+            chunk = self._profile.chunk(chunk.last + 1, self.override)
+        if there[0] <= chunk.last:
+            return seconds + chunk.time(*there)
+        table = self.timeline.time_at(*there) - float(self.timeline.time_start_s[chunk.first])
+        return seconds + table / max(self.override, 1e-2)
 
     def power_factor(self, override: float) -> float:
         """Share of the set power that keeps energy per length when the feed override is below 100 %: never above 1, never below 0.3.
