@@ -4,7 +4,8 @@ PlannerError
 ├── InputError            the file or the recipe that came in is at fault
 │   ├── MeshError         the mesh cannot be used as it is
 │   ├── RecipeError       the recipe asks for something that does not exist or does not fit
-│   └── FileFormatError   a plan or program file is damaged or of another version
+│   ├── FileFormatError   a plan or program file is damaged or of another version
+│   └── ResumeError       a program cannot be resumed from this point
 ├── FitError              a curve cannot be drawn through these points
 ├── PlanningError         the part cannot be made as asked
 └── PostError             the plan cannot be run on this cell
@@ -42,6 +43,10 @@ class RecipeError(InputError):
 
 class FileFormatError(InputError):
     """A plan or program file is damaged or of another version."""
+
+
+class ResumeError(InputError):
+    """A program cannot be resumed from this point."""
 
 
 class FitError(PlannerError):

@@ -61,6 +61,28 @@ SCHEDULE_DTYPE = np.dtype(
 
 
 @dataclass(frozen=True)
+class Continues:
+    """What a resumed Program goes on from. Its table's rows carry layer, operation, pass and arc length of the original.
+
+    program_sha256 : of the original's program.json   line, fraction : where metal ended there, index of the line (N-word less 1)
+    layer, operation, pass_, arc_mm : of the place of re-entry   resumed_line : index of the original's first line that is run as it was
+    head_lines : lines before that one here   overlap_mm, lead_in_mm : along the pass, before metal's end; 0, 0: at the begin of a pass
+    """
+
+    program_sha256: str
+    line: int
+    fraction: float
+    layer: int
+    operation: int
+    pass_: int
+    arc_mm: float
+    resumed_line: int
+    head_lines: int
+    overlap_mm: float
+    lead_in_mm: float
+
+
+@dataclass(frozen=True)
 class Program:
     """A postable, provable, runnable job.
 
@@ -73,6 +95,7 @@ class Program:
     work_offset : (5,) float, G54 that the controller must hold, order of the cell's axes
     gate : "stream" (M62/M63 in the text) or "modbus" (EMISSION entries in the schedule)
     stock_allowance_mm : process "mill": what it cuts from is the part's box, grown by this sideways and upwards; None: a given stock
+    continues : of which Program, from which point on, this one makes the rest; None: it makes the whole part
     """
 
     part_name: str
@@ -96,4 +119,5 @@ class Program:
     tools: tuple[int, ...]
     duration_s: float
     stock_allowance_mm: float | None = None
+    continues: Continues | None = None
     schema: int = PROGRAM_SCHEMA

@@ -6,7 +6,7 @@ import hashlib
 import io
 import itertools
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from planner.errors import FileFormatError
-from planner.program import LINE_DTYPE, PROGRAM_SCHEMA, SCHEDULE_DTYPE, Program
+from planner.program import LINE_DTYPE, PROGRAM_SCHEMA, SCHEDULE_DTYPE, Continues, Program
 
 INDEX = "program.json"
 TABLES = "lines.h5"
@@ -34,6 +34,8 @@ def program_files(program: Program) -> dict[str, bytes]:
     files = {name: _text(lines) for name, lines in _layers(program)}
     files[TABLES] = _tables(program)
     index = {field.name: _plain(getattr(program, field.name)) for field in fields(program) if field.name not in _APART}
+    if program.continues is None:
+        del index["continues"]
     index["sha256"] = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     index["sha256"][INDEX] = _own_sum(index)
     files[INDEX] = _json(index)
@@ -87,6 +89,8 @@ def read_program(directory: str | Path) -> Program:
             values[name] = np.array(index[name], dtype=np.float64).reshape(shape)
         for name in _TUPLES:
             values[name] = tuple(index[name])
+        if "continues" in index:
+            values["continues"] = Continues(**index["continues"])
         program = Program(lines=tuple(lines), **_read_tables(contents[TABLES]), **values)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, OSError, RuntimeError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -134,6 +138,8 @@ def _read_tables(content: bytes) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
+    if isinstance(value, Continues):
+        return asdict(value)
     return list(value) if isinstance(value, tuple) else value
 
 
