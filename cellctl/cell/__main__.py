@@ -15,6 +15,7 @@ from pathlib import Path
 
 import structlog
 
+from cellctl.cell.black_box import box_file
 from cellctl.cell.commands import Commands
 from cellctl.cell.connect import CellWires, Connection
 from cellctl.cell.controller import Controller, Times
@@ -42,7 +43,7 @@ class CellProcess:
         self.cell = cell
         self._run_dir = run_dir
         self._clock = SystemClock()
-        self._journal = Journal(store)
+        self._journal = Journal(store, box_file(run_dir))
         self.controller = Controller(cell, Times(self._clock, time.time), self._journal)
         self.commands = Commands(self.controller, read_off_loop)
         self._beat = Beat(cell.limits.tick_s)
@@ -92,6 +93,7 @@ class CellProcess:
         await self._stop_listener.close()
         await self._ipc.close()
         self._journal.close()
+        self._journal.box.remove()
 
     def _tick(self) -> None:
         self._guard(self.controller.tick)

@@ -4,43 +4,34 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import sqlite3
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cellctl.cell.black_box import BlackBox
+from cellctl.cell.journal_rows import END, EVENT, PROGRESS, RUN, SAMPLE, TABLES, Found, Sample, UnfinishedRun, find
 from cellctl.domain.messages import Event
+
+__all__ = ["END", "PROGRESS", "RUN", "SAMPLE", "Found", "Journal", "Sample", "StoreError", "UnfinishedRun"]
 
 GROUP_S = 0.05  # at most twenty commits a second: a row is at most this old, and one commit more, when it is durable
 BUSY_TIMEOUT_S = 5.0  # another process may hold the store's write lock that long
-KEPT_COMMANDS = 10_000
-
-# The same tables as the store's first migration.
-TABLES = """
-CREATE TABLE IF NOT EXISTS events (
-  seq INTEGER PRIMARY KEY AUTOINCREMENT, at REAL NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL,
-  job TEXT NOT NULL DEFAULT '', data TEXT NOT NULL DEFAULT '{}');
-CREATE TABLE IF NOT EXISTS journal (
-  id INTEGER PRIMARY KEY AUTOINCREMENT, at REAL, job TEXT, state TEXT, executed_line INTEGER, layer INTEGER, arc_mm REAL,
-  laser_setpoint_w REAL, laser_readback_w REAL, powder_setpoint_g_min REAL, powder_readback_g_min REAL,
-  tip_x REAL, tip_y REAL, tip_z REAL);
-CREATE TABLE IF NOT EXISTS cell_runs (
-  job TEXT PRIMARY KEY, name TEXT, program TEXT, program_sha256 TEXT, started_at REAL, ended_at REAL, outcome TEXT,
-  last_line INTEGER, total_lines INTEGER, who TEXT, command_id TEXT UNIQUE);
-"""
-EVENT = "INSERT INTO events (at, kind, text, job, data) VALUES (?, ?, ?, ?, ?)"
-SAMPLE = (
-    "INSERT INTO journal (at, job, state, executed_line, layer, arc_mm, laser_setpoint_w, laser_readback_w,"
-    " powder_setpoint_g_min, powder_readback_g_min, tip_x, tip_y, tip_z) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)"
+RETRY_S = 0.5  # between two tries of a store that refuses
+Row = tuple[Any, ...]
+ROW_ERRORS = (
+    sqlite3.IntegrityError,
+    sqlite3.DataError,
+    sqlite3.InterfaceError,
+    sqlite3.ProgrammingError,
+    ValueError,
+    OverflowError,
 )
-RUN = (
-    "INSERT INTO cell_runs (job, name, program, program_sha256, started_at, ended_at, outcome, last_line, total_lines, who,"
-    " command_id) VALUES (?,?,?,?,?,NULL,'',0,?,?,?)"
-)
-PROGRESS = "UPDATE cell_runs SET last_line = ? WHERE job = ?"
-END = "UPDATE cell_runs SET ended_at = ?, outcome = ?, last_line = ? WHERE job = ?"
+"""What says that a row cannot be written, however often it is tried; anything else says so of the store."""
 
 
 class StoreError(Exception):
@@ -52,75 +43,46 @@ class StoreError(Exception):
         self.hint = hint
 
 
-@dataclass(frozen=True)
-class Sample:
-    """One row of the journal. at : Unix time (s); executed_line : count of executed lines; arc in mm, tip in the build frame."""
+class _RowRefusedError(Exception):
+    """The store takes the batch but for one row. position : of its statement"""
 
-    at: float
-    job: str
-    state: str
-    executed_line: int
-    layer: int
-    arc_mm: float
-    laser_setpoint_w: float
-    laser_readback_w: float
-    powder_setpoint_g_min: float
-    powder_readback_g_min: float
-    tip: tuple[float, float, float]
-
-    @property
-    def row(self) -> tuple[Any, ...]:
-        """Values in the order of the table."""
-        return (
-            self.at, self.job, self.state, self.executed_line, self.layer, self.arc_mm, self.laser_setpoint_w,
-            self.laser_readback_w, self.powder_setpoint_g_min, self.powder_readback_g_min, *self.tip,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class UnfinishedRun:
-    """A run that no process ended."""
-
-    job: str
-    name: str
-    last_line: int
-    total_lines: int
-
-
-@dataclass
-class Found:
-    """What the store held when it was opened.
-
-    is_stopped : whether a stop was latched and not reset since
-    jobs : all that were ever started; replies : per command id the reply that it got; alarms : latched and not reset since, as (code, detail, remedy)
-    """
-
-    unfinished: list[UnfinishedRun] = field(default_factory=list)
-    replies: dict[str, dict[str, Any]] = field(default_factory=dict)
-    jobs: set[str] = field(default_factory=set)
-    alarms: list[tuple[str, str, str]] = field(default_factory=list)
-    is_stopped: bool = False
+    def __init__(self, position: int, why: Exception) -> None:
+        super().__init__(str(why))
+        self.position = position
 
 
 @dataclass
 class _Pending:
     """What waits for the next commit."""
 
-    statements: list[tuple[str, tuple[Any, ...]]] = field(default_factory=list)
+    statements: list[tuple[str, Row]] = field(default_factory=list)
     events: list[tuple[int, Event]] = field(default_factory=list)  # position in statements
     waiting: list[Callable[[Exception | None], None]] = field(default_factory=list)
+
+    def prepend(self, earlier: _Pending) -> None:
+        """Put rows that were taken out back in front."""
+        self.statements[:0] = earlier.statements
+        self.events = [*earlier.events, *((k + len(earlier.statements), event) for k, event in self.events)]
+
+    def without(self, position: int) -> tuple[str, Row]:
+        """Take one row out; the row."""
+        self.events = [(k - (k > position), event) for k, event in self.events if k != position]
+        return self.statements.pop(position)
 
 
 class Journal:
     """Takes rows without blocking and commits them from its own thread (`start`), or where it stands (`commit`).
     The first row after a pause is on the disk within the time of one commit; then at most 1 / GROUP_S commits a second.
+    A store that is locked, full or read-only is tried again until it takes what is queued, in order. A row that can never be
+    written is set aside in a file beside the store, and an event says so; the others go on.
 
     on_committed gets the events of a commit, with their seq, after they are durable; on_failure gets one line when the store fails.
-    Both are called from the committing thread.
+    Both are called from the committing thread.  box : the black box of the run, beside the store unless it is given
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, box: Path | None = None) -> None:
         self.path = path
+        self.refused_path = path.with_name(f"{path.name}.refused.jsonl")
         self.on_committed: Callable[[list[Event]], None] = lambda events: None
         self.on_failure: Callable[[str], None] = lambda line: None
         self.commits = 0
@@ -130,39 +92,22 @@ class Journal:
         self._closing = False
         self._thread: threading.Thread | None = None
         self._pending = _Pending()
+        self._awaited: list[Row] = []  # rows queued since the last `durable` whose refusal is the asker's
+        self._refusals: list[tuple[Row, StoreError]] = []
         try:
             self._db = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, check_same_thread=False, isolation_level=None)
             self._db.execute("PRAGMA journal_mode=WAL")
             self._db.execute("PRAGMA synchronous=FULL")
             self._db.executescript(TABLES)
-        except sqlite3.Error as error:
+            self.box = BlackBox(box or path.with_name(f"{path.name}.box"))
+        except (sqlite3.Error, OSError) as error:
             raise StoreError(
                 f"{path}: the store cannot be opened: {error}", "name a file in a directory that can be written"
             ) from None
 
     def find(self) -> Found:
         """What an earlier process left: unfinished runs, answered commands, latched alarms."""
-        found = Found()
-        rows = self._db.execute(
-            "SELECT job, name, last_line, total_lines FROM cell_runs WHERE ended_at IS NULL ORDER BY started_at"
-        )
-        found.unfinished = [UnfinishedRun(*row) for row in rows]
-        found.jobs = {job for (job,) in self._db.execute("SELECT job FROM cell_runs")}
-        rows = self._db.execute(
-            "SELECT data FROM events WHERE kind = 'command' ORDER BY seq DESC LIMIT ?", (KEPT_COMMANDS,)
-        )
-        for (data,) in reversed(rows.fetchall()):
-            entry = json.loads(data)
-            found.replies.setdefault(entry["id"], entry["reply"])
-        rows = self._db.execute(
-            "SELECT data FROM events WHERE kind = 'alarm' AND seq > (SELECT coalesce(max(seq), 0) FROM events WHERE kind = 'reset') ORDER BY seq"
-        )
-        found.alarms = [
-            (entry["code"], entry["detail"], entry["remedy"]) for entry in map(json.loads, (row[0] for row in rows))
-        ]
-        last = self._db.execute("SELECT data FROM events WHERE kind = 'state' ORDER BY seq DESC LIMIT 1").fetchone()
-        found.is_stopped = last is not None and json.loads(last[0])["state"] == "STOPPED"
-        return found
+        return find(self._db, self.box)
 
     def start(self) -> None:
         """Commit from a thread of its own from now on."""
@@ -172,23 +117,37 @@ class Journal:
     def event(self, event: Event) -> None:
         """Queue an event; its seq is given by the store at the commit."""
         text = event.text.encode("utf-8", "replace").decode()  # half a surrogate pair has no place in a store
-        row = (event.at, event.kind, text, event.job, json.dumps(event.data))
+        row = (event.at, event.kind, text, event.job, json.dumps(event.data, default=str))
         with self._lock:
             self._pending.events.append((len(self._pending.statements), event))
             self._pending.statements.append((EVENT, row))
+        if event.kind == "command":
+            self._awaited.append(row)
         self._wake.set()
 
-    def write(self, statement: str, row: tuple[Any, ...]) -> None:
+    def write(self, statement: str, row: Row) -> None:
         """Queue one statement (SAMPLE, RUN, PROGRESS, END)."""
         with self._lock:
             self._pending.statements.append((statement, row))
+        if statement == RUN:
+            self._awaited.append(row)
         self._wake.set()
 
     async def durable(self) -> None:
-        """Return when all that was queued before is on the disk. Raises StoreError if it cannot be."""
+        """Return when all that was queued before is on the disk. Raises StoreError if it cannot be, or if the store refused a run or a
+        command that was queued since the last call."""
+        mine, self._awaited = self._awaited, []
         if self._thread is None:
             self.commit()
-            return
+        else:
+            await self._committed()
+        with self._lock:
+            refusal = next((why for row, why in self._refusals if any(row is one for one in mine)), None)
+            self._refusals = [one for one in self._refusals if not any(one[0] is row for row in mine)]
+        if refusal is not None:
+            raise refusal
+
+    async def _committed(self) -> None:
         loop = asyncio.get_running_loop()
         done: asyncio.Future[None] = loop.create_future()
 
@@ -206,43 +165,72 @@ class Journal:
         """Write what is queued in one transaction. Raises StoreError; what was queued stays queued then."""
         with self._lock:
             batch, self._pending = self._pending, _Pending()
-        if not batch.statements:
+        while batch.statements:
+            try:
+                events = self._transact(batch)
+                break
+            except _RowRefusedError as error:
+                self._set_aside(batch, error)
+            except sqlite3.Error as error:
+                self._put_back(batch, error)
+        else:
             _answer(batch, None)
             return
-        try:
-            events = self._transact(batch)
-        except (sqlite3.Error, ValueError, OverflowError) as error:
-            refusal = StoreError(
-                f"{self.path}: the journal cannot be written: {error}",
-                "make room on the disk or free the store, then reset",
-            )
-            with self._lock:
-                self._pending.statements[:0] = batch.statements
-                self._pending.events = [
-                    *batch.events,
-                    *((k + len(batch.statements), e) for k, e in self._pending.events),
-                ]
-            _answer(batch, refusal)
-            raise refusal from None
         self.commits += 1
         _answer(batch, None)
         if events:
             self.on_committed(events)
 
+    def _put_back(self, batch: _Pending, error: sqlite3.Error) -> None:
+        """The store refuses: nothing is lost, whoever waits is told. Raises StoreError."""
+        refusal = StoreError(
+            f"{self.path}: the journal cannot be written: {error}",
+            "make room on the disk or free the store, then reset",
+        )
+        with self._lock:
+            self._pending.prepend(batch)
+        _answer(batch, refusal)
+        raise refusal from None
+
+    def _set_aside(self, batch: _Pending, error: _RowRefusedError) -> None:
+        """Keep a row that the store will never take; an event says so, and who waits for it to be durable."""
+        statement, row = batch.without(error.position)
+        line = f"the store refused a row for ever ({error}); it is kept in {self.refused_path.name}"
+        at = time.time()
+        kept = {"at": at, "why": str(error), "statement": statement, "row": row}
+        try:
+            with self.refused_path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(kept, default=repr) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as failure:
+            line = f"the store refused a row for ever ({error}), and {self.refused_path.name} cannot be written: {failure.strerror}"
+        told = Event(0, at, "store", line, "", {"why": str(error)})
+        batch.events.append((len(batch.statements), told))
+        batch.statements.append((EVENT, (told.at, told.kind, told.text, told.job, json.dumps(told.data))))
+        if statement == RUN or (statement == EVENT and row[1] == "command"):
+            refusal = StoreError(line, "note what was asked, and tell the maintainers")
+            with self._lock:
+                self._refusals.append((row, refusal))
+
     def _transact(self, batch: _Pending) -> list[Event]:
+        """Raises _RowRefusedError for a row that can never be written, sqlite3.Error for the store."""
         names = dict(batch.events)
         events = []
         self._db.execute("BEGIN IMMEDIATE")
         try:
             for position, (statement, row) in enumerate(batch.statements):
-                cursor = self._db.execute(statement, row)
+                try:
+                    cursor = self._db.execute(statement, row)
+                except ROW_ERRORS as error:
+                    raise _RowRefusedError(position, error) from None
                 if position in names:
                     event = names[position]
                     events.append(
                         Event(int(cursor.lastrowid or 0), event.at, event.kind, event.text, event.job, event.data)
                     )
             self._db.execute("COMMIT")
-        except (sqlite3.Error, ValueError, OverflowError):
+        except (sqlite3.Error, _RowRefusedError):
             if self._db.in_transaction:
                 self._db.execute("ROLLBACK")
             raise
@@ -262,14 +250,16 @@ class Journal:
             self._wake.clear()
             closing = self._closing
             self._urgent.clear()
+            pause_s = GROUP_S
             try:
                 self.commit()
             except StoreError as error:
                 self.on_failure(error.message)
                 self._wake.set()
+                pause_s = RETRY_S
             if closing:
                 return
-            self._urgent.wait(GROUP_S)
+            self._urgent.wait(pause_s)
 
     def close(self) -> None:
         """Commit what is queued, end the thread, close the store. Harmless twice."""
@@ -280,6 +270,7 @@ class Journal:
             self._thread.join()
             self._thread = None
         self._db.close()
+        self.box.close()
 
 
 def _answer(batch: _Pending, error: Exception | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import time
 from contextlib import closing
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from cellctl.cell import record
 from cellctl.cell.record import END, GROUP_S, RUN, SAMPLE, Journal, Sample, StoreError
 from cellctl.domain.messages import Event
 
@@ -77,3 +79,70 @@ def test_a_store_in_a_directory_that_is_not_there_is_one_line(tmp_path: Path) ->
     with pytest.raises(StoreError, match="cannot be opened") as caught:
         Journal(tmp_path / "no" / "s.db")
     assert caught.value.hint
+
+
+def test_a_row_that_can_never_be_written_is_set_aside_and_told_and_the_others_go_on(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "s.db")
+    told: list[Event] = []
+    journal.on_committed = told.extend
+    journal.event(event("before"))
+    sample = Sample(1.0, "j", "RUNNING", 1 << 70, 0, 1.5, 800.0, 799.0, 10.0, 9.9, (1.0, 2.0, 3.0))
+    journal.write(SAMPLE, sample.row)
+    journal.event(event("behind"))
+    journal.commit()
+    texts = [e.text for e in journal.events_since(0)]
+    journal.close()
+    assert texts[:2] == ["before", "behind"] and "s.db.refused.jsonl" in texts[2]
+    assert [e.text for e in told] == texts
+    kept = [json.loads(line) for line in (tmp_path / "s.db.refused.jsonl").read_text().splitlines()]
+    assert [row["row"][3] for row in kept] == [1 << 70]
+
+
+async def test_a_start_whose_row_is_refused_is_answered_so_and_the_command_behind_it_is_not(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "s.db")
+    row = ("a", "A", "dir", "sha", 1.0, 100, "me", "id-a")
+    journal.write(RUN, row)
+    await journal.durable()
+    journal.write(RUN, row)
+    journal.start()
+    with pytest.raises(StoreError, match="refused a row"):
+        await journal.durable()
+    journal.event(event("hold", "command"))
+    await journal.durable()
+    journal.close()
+
+
+async def test_a_locked_store_is_told_and_takes_all_that_was_queued_once_it_is_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record, "BUSY_TIMEOUT_S", 0.01)
+    monkeypatch.setattr(record, "RETRY_S", 0.01)
+    journal = Journal(tmp_path / "s.db")
+    failed: list[str] = []
+    journal.on_failure = failed.append
+    with closing(sqlite3.connect(tmp_path / "s.db", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        journal.start()
+        journal.event(event("one"))
+        with pytest.raises(StoreError, match="locked"):
+            await journal.durable()
+        journal.event(event("two"))
+        other.execute("ROLLBACK")
+    await journal.durable()
+    texts = [e.text for e in journal.events_since(0)]
+    journal.close()
+    assert texts == ["one", "two"] and "locked" in failed[0]
+
+
+def test_a_full_store_keeps_what_was_queued_until_there_is_room(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "s.db")
+    pages = journal._db.execute("PRAGMA page_count").fetchone()[0]
+    journal._db.execute(f"PRAGMA max_page_count = {pages}")
+    for k in range(50):
+        journal.event(event(f"{k} {'x' * 500}"))
+    with pytest.raises(StoreError, match="full"):
+        journal.commit()
+    journal._db.execute("PRAGMA max_page_count = 100000")
+    journal.commit()
+    assert len(journal.events_since(0)) == 50
+    journal.close()

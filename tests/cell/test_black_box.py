@@ -1,0 +1,67 @@
+"""What is known after a kill at any instant: the place within 0.5 mm of the plant's own, and where metal ended."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from cellctl.cell.black_box import BlackBox, Moment
+from cellctl.domain.messages import Event
+from tests.cell.harness import CellUnderTest
+
+EXECUTED_MM = 0.5
+METAL_MM = 1.0
+"""The laser's dead-man is looked at by the laser, and beaten, once per poll: 20 ms at 10 mm/s, and its ramp."""
+
+
+def plant_arc(cell: CellUnderTest) -> float:
+    """Path length up to the plant's own line and joints."""
+    run = cell.controller.run
+    assert run is not None
+    line = max(cell.sim.cnc.machine.motion.line - 1, 0)
+    return run.timeline.arc_at(line, run.timeline.fraction(line, cell.sim.joints))
+
+
+def left(cell: CellUnderTest) -> Moment:
+    """What a process that starts now would find."""
+    box = BlackBox(cell.journal.box.path)
+    found = box.of_job("job-1")
+    box.close()
+    assert found is not None
+    return found
+
+
+async def test_at_every_instant_of_a_pass_the_box_knows_the_arc_within_half_a_millimetre(cell: CellUnderTest) -> None:
+    await cell.deposit(layers=1, pieces=60, length_mm=60.0)
+    errors = []
+    for _ in range(250):
+        await cell.forward(ticks=1)
+        errors.append(abs(left(cell).place.arc_mm - plant_arc(cell)))
+    assert max(errors) <= EXECUTED_MM
+
+
+@pytest.mark.parametrize("seed", range(3))
+async def test_killed_at_random_the_next_process_tells_where_the_tip_was_and_where_metal_ended(
+    cell: CellUnderTest, seed: int
+) -> None:
+    await cell.deposit(layers=1, pieces=60, length_mm=60.0)
+    await cell.forward(ticks=random.Random(seed).randrange(1, 150))
+    run, known = cell.controller.run, plant_arc(cell)
+    assert run is not None
+    await cell.kill()
+    lit_arc = known
+    for _ in range(80):
+        await cell.forward(ticks=1)
+        trace = cell.sim.trace
+        for k in range(len(trace.dt)):
+            if trace.emission_w[k] > 400.0 and trace.line[k]:
+                line = int(trace.line[k]) - 1
+                lit_arc = max(lit_arc, run.timeline.arc_at(line, run.timeline.fraction(line, trace.joints1[k])))
+    assert cell.is_dark
+    await cell.power_up()
+    cell.journal.commit()
+    ended: Event = next(e for e in cell.events if e.kind == "job" and e.data.get("outcome") == "interrupted")
+    assert ended.data["known_by"] == "tick"
+    assert ended.data["place"]["arc_mm"] == pytest.approx(known, abs=EXECUTED_MM)
+    assert ended.data["metal_end"]["arc_mm"] == pytest.approx(lit_arc, abs=METAL_MM)
