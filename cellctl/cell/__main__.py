@@ -124,21 +124,30 @@ class CellProcess:
             self._watched = descriptor
 
     def _pump(self) -> None:
+        """The CNC's line, and set-points whose time has come between two ticks."""
         self._guard(self.controller.pump)
         if not self.controller.is_cnc_alive:
             self._watch_cnc(None)
+        run, now = self.controller.run, self._clock.now()
+        due = run.due_at() if run is not None else None
+        if due is not None and due <= now:
+            self._guard(lambda: self.controller.act(now))
         self._pace()
 
     def _pace(self) -> None:
-        """Write on when the wire has room again, between two ticks."""
+        """Go on when the wire has room again or a set-point is due, between two ticks."""
         if self._due is not None:
             self._due.cancel()
             self._due = None
-        drivers = self.controller.drivers
-        if drivers is not None and self.controller.is_cnc_alive:
-            due = drivers.cnc.due_in_s()
-            if due < self.cell.limits.tick_s:
-                self._due = asyncio.get_running_loop().call_later(max(due, 0.0005), self._pump)
+        drivers, run = self.controller.drivers, self.controller.run
+        if drivers is None or not self.controller.is_cnc_alive:
+            return
+        wait_s = drivers.cnc.due_in_s()
+        due = run.due_at() if run is not None else None
+        if due is not None and (left_s := due - self._clock.now()) > 0.0:  # what is overdue is for the next tick
+            wait_s = min(wait_s, left_s)
+        if wait_s < self.cell.limits.tick_s:
+            self._due = asyncio.get_running_loop().call_later(max(wait_s, 0.0005), self._pump)
 
     async def _stop(self, ident: str, who: str, because: str) -> str:
         self.commands.stop_now(because)

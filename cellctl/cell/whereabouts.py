@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cellctl.cell.black_box import Moment, Place
-from cellctl.domain.sync import Timeline
+from cellctl.domain.sync import HORIZON_PERIODS, Timeline
 
 if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
@@ -34,28 +34,43 @@ def _moment(c: Controller, run: Run, drivers: CellDrivers, before: Moment | None
         return Moment(
             run.job, c.times.unix(), now, lit=lit, dark=lit, executed=run.executed, sent=sent, is_permitted=permit
         )
-    time_s = max(run.follower.predicted_time(now), last.time_s)
-    place = place_at(timeline, time_s)
+    place = _at(timeline, run.follower.predicted_place(now))
     if permit and (run.program.gate == "modbus" or timeline.is_emitting[place.line]):
         lit = place
-    rate = run.follower.rate if last.is_run else 0.0
     dark = lit
     if permit:
-        ends_s = time_s + rate * drivers.laser.client.trips_in_s
-        ends_s = min(ends_s, float(timeline.time_end_s[sent - 1]) if sent else 0.0)  # what was not sent does not run
-        dark = metal_end(timeline, lit, place_at(timeline, max(ends_s, time_s)), run.program.gate == "stream")
+        reach = _reach(run, now + drivers.laser.client.trips_in_s)
+        if reach.line >= sent:  # what was not sent does not run
+            reach = _at(timeline, (max(sent - 1, 0), 1.0))
+        dark = metal_end(timeline, lit, max(reach, place, key=_order), run.program.gate == "stream")
+    rate = run.follower.rate if last.is_run else 0.0
+    time_s = timeline.time_at(place.line, place.fraction)
     return Moment(
         run.job, c.times.unix(), now, place, time_s, lit, rate, dark, run.executed, sent, permit,
         drivers.laser.power_setpoint_w, wanted.powder_g_min, wanted.carrier_gas_l_min, wanted.shield_gas_l_min,
     )  # fmt: skip
 
 
-def place_at(timeline: Timeline, time_s: float) -> Place:
-    """The place at a program time (s)."""
-    line = timeline.line_at(time_s)
+def _at(timeline: Timeline, place: tuple[int, float]) -> Place:
+    return Place(*place, timeline.arc_at(*place))
+
+
+def _order(place: Place) -> tuple[int, float]:
+    return place.line, place.fraction
+
+
+def _reach(run: Run, at: float) -> Place:
+    """Where the machine is at wire time `at` (s) if it goes on as it does, also beyond what the follower predicts."""
+    follower, timeline = run.follower, run.timeline
+    last = follower.last
+    place = _at(timeline, follower.predicted_place(at))
+    beyond_s = at - (last.at + HORIZON_PERIODS * follower.period_s) if last is not None and last.is_run else 0.0
+    if beyond_s <= 0.0:
+        return place
+    time_s = timeline.time_at(place.line, place.fraction) + follower.rate * follower.override * beyond_s
+    line = max(timeline.line_at(time_s), place.line)
     start, end = float(timeline.time_start_s[line]), float(timeline.time_end_s[line])
-    fraction = min(max((time_s - start) / (end - start), 0.0), 1.0) if end > start else 1.0
-    return Place(line, fraction, timeline.arc_at(line, fraction))
+    return _at(timeline, (line, min(max((time_s - start) / (end - start), 0.0), 1.0) if end > start else 1.0))
 
 
 def metal_end(timeline: Timeline, lit: Place, reach: Place, has_gate: bool) -> Place:
