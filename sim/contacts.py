@@ -143,6 +143,11 @@ class Contacts:
         """What is carried on from step to step."""
         return {"deep": self._cuts(), "machine": self._machine.snapshot()}
 
+    def begin_with(self, cuts: Floats) -> None:
+        """Deep cuts, (n, CUT_COLUMNS), of a run that this one goes on from; their lines are not this Program's."""
+        self._deep = [np.array(cuts)]
+        self._deep[0][:, 0] = 0.0
+
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state. Raises KeyError or ValueError when it does not fit."""
         self._deep = [np.array(state["deep"])]

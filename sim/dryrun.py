@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from sim.schedule import IdealController
 from sim.state import freeze, thaw
 from sim.watch import Watch
 from sim.world import World
+
+if TYPE_CHECKING:
+    from sim.standing import Standing
 
 Array = NDArray[np.float64]
 
@@ -56,6 +59,7 @@ def prove(
     progress: Progress | None = None,
     cancelled: Callable[[], bool] | None = None,
     checkpoints: Path | None = None,
+    start: Standing | None = None,
 ) -> Proof:
     """Run the Program in the twin and measure what stands on the table.
 
@@ -67,11 +71,13 @@ def prove(
     cancelled : asked after every step of time; once it says yes, the proof raises ProofCancelled
     checkpoints : folder for states at the begins of layers, made if need be. A Program that was edited goes on from the last layer
         before the edit. What is there is to be trusted like a proof.
+    start : the metal that is there before the first line, of `stock_after`: for a Program that makes the rest of a part. The finished part
+        is judged; findings are those of this Program.
 
     The same Program, cell and mesh give the same Proof, byte for byte, with or without checkpoints.
     Raises ProofCancelled; OSError when the folder of checkpoints cannot be made.
     """
-    run = DryRun(program, cell, mesh, material or load_material(program.material), stock, cell_mm)
+    run = DryRun(program, cell, mesh, material or load_material(program.material), stock, cell_mm, start)
     if checkpoints is not None:
         run.resume(Checkpoints(checkpoints, lambda line: progress(0.0, line) if progress is not None else None), mesh, stock)
         if run.resumed_at and progress is not None:
@@ -88,15 +94,20 @@ class DryRun:
     """One Program in one simulated cell. `execute` runs it to its end or its first fatal finding, `conclude` gives the verdict."""
 
     def __init__(
-        self, program: Job, cell: Cell, mesh: TriangleMesh, material: Material, stock: TriangleMesh | None, cell_mm: float | None
-    ) -> None:
+        self, program: Job, cell: Cell, mesh: TriangleMesh, material: Material, stock: TriangleMesh | None, cell_mm: float | None,
+        start: Standing | None = None,
+    ) -> None:  # fmt: skip
         self.program, self.cell, self.material = program, cell, material
         self.target = Target(in_build(mesh, program.build_from_part), np.asarray(mesh.facets), SAMPLE_MM)
-        grid = cell_mm or usual_cell_mm(self.target, program.tolerance_mm)
-        self.metal = metal_for(cell, self._bounds(stock), grid, self.material, inverse(program.machine_from_build))
+        self._start = start
+        grid = start.cell_mm if start is not None else cell_mm or usual_cell_mm(self.target, program.tolerance_mm)
+        self.bounds = self._bounds(stock) if start is None else start.bounds
+        self.metal = metal_for(cell, self.bounds, grid, self.material, inverse(program.machine_from_build))
         self.stock = self.metal.stock
-        self._has_stock = stock is not None or program.process != "mill" or program.stock_allowance_mm is not None
-        if stock is not None:
+        self._has_stock = start is not None or stock is not None or program.process != "mill" or program.stock_allowance_mm is not None
+        if start is not None:
+            self.metal.restore(start.metal)
+        elif stock is not None:
             clamp_mesh(self.stock, stock, program.build_from_part)
         elif program.process == "mill" and program.stock_allowance_mm is not None:
             clamp_block(self.stock, self.target.bounds, program.stock_allowance_mm)
@@ -119,6 +130,9 @@ class DryRun:
             machine, self.world.io, self.metal, self.target, self.watch, self.findings, gouge_mm, cell.proof.clearance_mm
         )  # fmt: skip
         self.world.metal = self.contacts
+        if start is not None:
+            self.watch.begin_with(start.path, start.emitted_mm)
+            self.contacts.begin_with(start.cuts)
 
     def _bounds(self, stock: TriangleMesh | None) -> Array:
         """(2, 3) float, mm   Box of the part and of what it is cut from, build frame."""
@@ -136,14 +150,19 @@ class DryRun:
         """All findings so far."""
         return self.before.all() + self.findings.all()
 
-    def resume(self, checkpoints: Checkpoints, mesh: TriangleMesh, stock: TriangleMesh | None) -> None:
-        """Keep the state at each layer's begin from now on, and go on from the latest that was kept of the same beginning."""
+    def resume(self, checkpoints: Checkpoints, mesh: TriangleMesh, stock: TriangleMesh | None, before_line: int | None = None) -> None:
+        """Keep the state at each layer's begin from now on, and go on from the latest that was kept of the same beginning.
+
+        before_line : N-word; states from there on are not gone on from
+        """
         program = self.program
-        prefix = Prefix(facts_of_run(program, self.cell, self.devices, self.material, mesh, stock, self.stock.cell_mm))
+        facts = facts_of_run(program, self.cell, self.devices, self.material, mesh, stock, self.stock.cell_mm)
+        prefix = Prefix(facts if self._start is None else [*facts, self._start.sha256])
         places = prefix.places(tuple(program.lines), program.table, program.schedule, layer_begins(program))
         self._checkpoints, self._places = checkpoints, {place.line: place for place in places}
         fresh = self._tree()
-        for place, tree in checkpoints.latest(places):
+        known = places if before_line is None else [place for place in places if place.line <= before_line]
+        for place, tree in checkpoints.latest(known):
             try:
                 self._restore(tree)
             except DAMAGED:
@@ -185,7 +204,7 @@ class DryRun:
         while not self.controller.is_done and not self.is_over:
             if cancelled is not None and cancelled():
                 raise ProofCancelled(f"cancelled at line {self.controller.acknowledged} of {total}")
-            self._step()
+            self.advance()
             percent = 100 * self.controller.acknowledged // max(1, total)
             if progress is not None and percent != said:
                 said = percent
@@ -202,7 +221,7 @@ class DryRun:
         """Whether a finding says that the run cannot go on."""
         return self.before.is_fatal or self.findings.is_fatal
 
-    def _step(self) -> None:
+    def advance(self) -> None:
         """One step of time, and what is seen, heard and done after it."""
         step_s = self._step_s()
         self.controller.begin_step(step_s)

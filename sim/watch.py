@@ -109,6 +109,10 @@ class Watch:
             "last_line": self._last_line,
         }  # fmt: skip
 
+    def begin_with(self, path: Floats, emitted_mm: float) -> None:
+        """Paths of the process, (n, 5), and way with the laser on, of a run that this one goes on from."""
+        self._path, self.emitted_mm = [np.array(path)], emitted_mm
+
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state. Raises ValueError or KeyError when it does not fit."""
         self._episodes[...] = state["episodes"]

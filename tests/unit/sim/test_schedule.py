@@ -34,7 +34,7 @@ def test_level_is_set_within_the_least_step_of_its_line_s_begin_and_few_steps_ar
     late = [0.0]
     while not controller.is_done and controller._next_event < len(events):
         line, boundary = events[controller._next_event], controller.boundary
-        run._step()
+        run.advance()
         if boundary == 0 or line < boundary:
             pieces = motion.pieces
             late.append(float(pieces[pieces[:, la.PIECE_LINE] >= line, la.DURATION].sum()))
