@@ -17,12 +17,13 @@ from cellctl.domain.arcs import arc_over_chord
 from cellctl.domain.timeline import STANDSTILL, MotionLimits, Timeline
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+Place = tuple[int, float]  # line index, fraction of it
 
-CHUNK = 256  # lines
+CHUNK = 128  # lines
 MARGIN = 64  # lines looked at on both sides: more than it takes to brake from any feed
 ROUNDS = 4  # of speeds and times against each other; on real programs the fourth changes nothing
-KEPT = 8  # chunks
+KEPT = 16  # chunks
+CHUNKS_AHEAD = 4  # looked at in detail; the table tells what is beyond
 AT_ONCE = 1e12  # mm/s2: an acceleration that takes no time
 
 
@@ -91,31 +92,74 @@ class Chunk:
 
 
 class SpeedProfile:
-    """Chunks of a Timeline, made where they are needed: constant memory for any Program."""
+    """Places on a Timeline and the process time between them, in chunks made where they are needed: constant memory for any Program.
+
+    override : of the feed, 1 as programmed    agility : how much better the control accelerates than the Timeline's limits
+    """
 
     def __init__(self, timeline: Timeline) -> None:
+        self.override = 1.0
+        self.agility = 1.0
         self._timeline = timeline
-        self._chunks: OrderedDict[tuple[int, float], Chunk] = OrderedDict()
+        self._chunks: OrderedDict[tuple[int, float, float], Chunk] = OrderedDict()
 
-    def chunk(self, line: int, override: float) -> Chunk:
+    def chunk(self, line: int, agility: float | None = None) -> Chunk:
         """The chunk that a line is in."""
-        key = (line // CHUNK, override)
+        key = (line // CHUNK, self.override, agility or self.agility)
         found = self._chunks.get(key)
         if found is None:
             first = key[0] * CHUNK
-            found = self._chunks[key] = make_chunk(self._timeline, first, min(first + CHUNK, len(self._timeline)), override)
+            found = self._chunks[key] = make_chunk(self._timeline, first, min(first + CHUNK, len(self._timeline)), *key[1:])
             if len(self._chunks) > KEPT:
                 self._chunks.popitem(last=False)
         return found
 
-    def is_moving(self, line: int, override: float) -> bool:
+    def is_moving(self, line: int) -> bool:
         """Whether a line has motion."""
-        chunk = self.chunk(line, override)
+        chunk = self.chunk(line)
         return chunk.length[line - chunk.first] > 0.0
 
+    def speed(self, place: Place) -> tuple[float, float]:
+        """Speed and acceleration at a place, in the norm of all joints per process second; 0 on a line without motion."""
+        return self.chunk(place[0]).speed(*place)
 
-def make_chunk(timeline: Timeline, first: int, end: int, override: float) -> Chunk:
-    """Lines first .. end - 1 with every feed multiplied by `override`."""
+    def advance(self, place: Place, seconds: float) -> Place:
+        """The place that is reached after so many process seconds (not below 0)."""
+        chunk = self.chunk(place[0])
+        seconds += chunk.time(*place)
+        while seconds > chunk.tau[-1] and chunk.last < len(self._timeline) - 1:
+            seconds -= chunk.tau[-1]
+            chunk = self.chunk(chunk.last + 1)
+        return chunk.place(seconds)
+
+    def between(self, here: Place, there: Place, agility: float | None = None) -> float:
+        """Process seconds from one place to another, negative backwards; by the table beyond CHUNKS_AHEAD."""
+        if there < here:
+            return -self.between(there, here, agility)
+        chunk = self.chunk(here[0], agility)
+        seconds = -chunk.time(*here)
+        for _ in range(CHUNKS_AHEAD):
+            if there[0] <= chunk.last:
+                return seconds + chunk.time(*there)
+            seconds += chunk.tau[-1]
+            if chunk.last >= len(self._timeline) - 1:
+                return seconds
+            chunk = self.chunk(chunk.last + 1, agility)
+        if there[0] <= chunk.last:
+            return seconds + chunk.time(*there)
+        table = self._timeline.time_at(*there) - float(self._timeline.time_start_s[chunk.first])
+        return seconds + table / max(self.override, 1e-2)
+
+    def way(self, here: Place, there: Place) -> float:
+        """Length from one place to a later one in the norm of all joints; from the begin of the later one's chunk if they are not in one."""
+        chunk = self.chunk(there[0])
+        first, k = max(here[0], chunk.first) - chunk.first, there[0] - chunk.first
+        done = chunk.length[first] * here[1] if here[0] >= chunk.first else 0.0
+        return max(sum(chunk.length[first:k]) + chunk.length[k] * there[1] - done, 0.0)
+
+
+def make_chunk(timeline: Timeline, first: int, end: int, override: float, agility: float = 1.0) -> Chunk:
+    """Lines first .. end - 1 with every feed multiplied by `override` and every acceleration by `agility`."""
     low, high = max(first - MARGIN, 0), min(end + MARGIN, len(timeline))
     start, finish, length = _moves(timeline, low, high)
     seconds = timeline.time_end_s[low:high] - timeline.time_start_s[low:high]
@@ -126,12 +170,13 @@ def make_chunk(timeline: Timeline, first: int, end: int, override: float) -> Chu
     lasting = np.where(is_motion, 0.0, seconds)
     if at.size:
         ways = length[at]
-        a, corner2 = _limits_of(timeline.limits, start[at], finish[at])
-        corner2[_stands(timeline, low, high, at, seconds)] = 0.0
-        if low == 0:
-            corner2[0] = 0.0
+        stands = _stands(timeline, low, high, at, seconds)
+        a, corner2 = _limits_of(timeline.limits, start[at], finish[at], stands)
         is_end = high == len(timeline)
         cruise = override * _cruise(ways, seconds[at], a, corner2, is_end)
+        if timeline.actual is not None:
+            a, corner2 = _limits_of(timeline.actual, start[at], finish[at], stands)
+        a, corner2 = a * agility, corner2 * agility
         speed = _boundary_speeds(ways, cruise, a, corner2, is_end)
         v0, v1 = speed[:-1], speed[1:]
         v = np.maximum(np.minimum(cruise, np.sqrt(a * ways + 0.5 * (v0 * v0 + v1 * v1))), np.maximum(v0, v1))
@@ -165,14 +210,17 @@ def _moves(timeline: Timeline, low: int, high: int) -> tuple[Floats, Floats, Flo
     return start * over, finish * over, length
 
 
-def _limits_of(limits: MotionLimits | None, start: Floats, finish: Floats) -> tuple[Floats, Floats]:
+def _limits_of(
+    limits: MotionLimits | None, start: Floats, finish: Floats, stands: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
     """(k,) acceleration of each move and (k,) greatest squared speed at its start by the corner before it (grbl 1.1 planner.c)."""
     count = len(start)
+    corner2 = np.full(count, np.inf)
     if limits is None:
-        return np.full(count, AT_ONCE), np.full(count, np.inf)
+        corner2[stands] = 0.0
+        return np.full(count, AT_ONCE), corner2
     with np.errstate(divide="ignore", invalid="ignore"):
         a = np.min(limits.acceleration / np.maximum(np.abs(start), np.abs(finish)), axis=1)
-        corner2 = np.full(count, np.inf)
         change = start[1:] - finish[:-1]
         size = np.sqrt(np.einsum("ij,ij->i", change, change))
         aside = np.min(limits.acceleration * size[:, None] / np.maximum(np.abs(change), 1e-12), axis=1)
@@ -180,6 +228,7 @@ def _limits_of(limits: MotionLimits | None, start: Floats, finish: Floats) -> tu
         half_sine = np.sqrt(np.maximum(1.0 - half * half, 0.0))
         rounded = aside * limits.junction_deviation * half_sine / (1.0 - half_sine)
     corner2[1:] = np.where(size < 2e-3, np.inf, np.where(half_sine < 1e-3, 0.0, rounded))
+    corner2[stands] = 0.0
     return a, corner2
 
 
@@ -191,7 +240,7 @@ def _stands(timeline: Timeline, low: int, high: int, at: NDArray[np.int64], seco
     still = np.ones(high - low, dtype=np.bool_)
     still[at] = False
     stood = np.concatenate([[0], np.cumsum(pause | (still & (seconds > 0.0)))])[1:]
-    return np.flatnonzero(np.diff(stood[at], prepend=stood[at[0]]))
+    return np.flatnonzero(np.diff(stood[at], prepend=stood[at[0]] if low else -1))
 
 
 def _boundary_speeds(ways: Floats, cruise: Floats, a: Floats, corner2: Floats, is_end: bool) -> Floats:

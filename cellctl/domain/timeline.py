@@ -36,7 +36,8 @@ class Timeline:
     is_emitting : (n,) bool, whether the gate is open on this line by the Program's own words
     bulge : (n,) float, tan(sweep / 4) of lines that are arcs of the joints of `plane`, 0: straight; none: all are
     bow : (n, 3) float, build frame, from the middle of the chord of the tip's way to the middle of the arc
-    limits : how the control accelerates; none: at once
+    limits : how the control accelerates that the times were predicted for; none: at once
+    actual : how it does accelerate, where it tells so itself; none: as in `limits`
     stops : (n,) bool, lines before which the machine stands for certain (barriers); none: only where the table has a pause
     """
 
@@ -51,6 +52,7 @@ class Timeline:
     bow: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     plane: tuple[int, int] = (0, 1)
     limits: MotionLimits | None = None
+    actual: MotionLimits | None = None
     stops: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     @classmethod
@@ -62,6 +64,7 @@ class Timeline:
         plane: tuple[int, int] = (0, 1),
         limits: MotionLimits | None = None,
         barriers: NDArray[np.int64] | None = None,
+        actual: MotionLimits | None = None,
     ) -> Timeline:
         """From a Program's table, (n,) of planner.program.LINE_DTYPE, and the gate of each line.
 
@@ -87,6 +90,7 @@ class Timeline:
             np.zeros((len(tip), 3)) if bow is None else bow,
             plane,
             limits,
+            actual,
             stops,
         )
 
