@@ -26,7 +26,8 @@ from config import find_facts, load_cell
 
 BACK_OFF_FIRST_S = 0.2
 BACK_OFF_MAX_S = 5.0
-STEADY_S = 30.0  # a process that lived this long starts again without delay
+STEADY_S = 30.0  # a process that ended by itself within this time did so because its input is bad, if it says so
+LASTING_S = 4.0  # a process that lived this long starts again without delay
 END_S = 10.0
 READY_S = 60.0
 POLL_S = 0.2
@@ -104,7 +105,7 @@ class Keeper:
             if code == BAD_INPUT and lived < STEADY_S:
                 self.failure = last_line(self.log) or f"the {self.name} process cannot start"
                 return
-            delay = BACK_OFF_FIRST_S if lived > STEADY_S else min(max(2 * delay, BACK_OFF_FIRST_S), BACK_OFF_MAX_S)
+            delay = 0.0 if lived > LASTING_S else min(max(2 * delay, BACK_OFF_FIRST_S), BACK_OFF_MAX_S)
             how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
             self.say(f"the {self.name} process {how}; it starts again in {delay:.1f} s (log: {self.log})")
 

@@ -8,7 +8,6 @@ import hashlib
 import os
 from pathlib import Path
 
-from planner.files import read_program
 from planner.program import Program
 
 
@@ -20,5 +19,7 @@ async def read_off_loop(directory: Path) -> tuple[Program, str]:
 def _read(directory: Path) -> tuple[Program, str]:
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # this thread only: the tick stays ahead of it
+    from planner.files import read_program  # what it needs is not loaded before: a cell that was killed is back the sooner
+
     program = read_program(directory)
     return program, hashlib.sha256((directory / "program.json").read_bytes()).hexdigest()
