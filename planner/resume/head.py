@@ -24,6 +24,8 @@ from planner.resume.approach import Approach, Retract
 from planner.resume.reentry import Reentry
 from planner.resume.stretch import Stretch
 
+HASTE = 3.0
+"""Times the speed of the pass on the overlap: there a bead lies already, and so fast it is molten once more with a third of the powder."""
 _ALL = 0b11111
 _POWER_DECIMALS = 2  # of a watt
 _ARC_MM = 1e-9
@@ -154,39 +156,39 @@ class HeadWriter:
 
     def _run_again(self, stretch: Stretch) -> None:
         lights = self.reentry.is_deposit
-        edges = np.flatnonzero(stretch.is_lit[1:] != stretch.is_lit[:-1]) + 1 if lights else np.zeros(0, dtype=np.int64)
         if lights and stretch.lead_in_mm > 0.0:
             self._say(f"lead-in of {stretch.lead_in_mm:.2f} mm, laser off", is_part=True)
         if not lights and stretch.overlap_mm > 0.0:
             self._say(f"{stretch.overlap_mm:.2f} mm along the cut once more", is_part=True)
-        begun = -1.0
+        is_lit = has_ended = False
         for k in range(len(stretch.line)):
-            if lights and stretch.is_lit[k] and (k == 0 or k in edges):
+            again = bool(stretch.overlap[k, 0] < 1.0)
+            if stretch.is_lit[k] and not is_lit:
                 self._light(stretch)
-            if lights and stretch.is_lit[k] and stretch.overlap[k, 0] < 1.0:
-                self._power(self._level(float(stretch.overlap[k].mean())))
-            elif lights and stretch.is_lit[k]:
-                self._power(self._level(1.0))
-            if stretch.overlap[k, 0] >= 1.0 and begun < 1.0 and (not lights or stretch.is_lit[k]):
-                self._say(
-                    "here metal ended: on as programmed" if lights else "here the cut ended: on as programmed",
-                    is_part=True,
-                )
-                begun = 1.0
+                is_lit = True
+            if is_lit:
+                self._power(self._level(float(stretch.overlap[k].mean()) if again else 1.0))
+            if not again and not has_ended and is_lit == lights:
+                self._say(f"here {'metal' if lights else 'the cut'} ended: on as programmed", is_part=True)
+                has_ended = True
+            times = self._taken(stretch.joints[k + 1], self._time_s(stretch, k))
             self.tape.moves(
-                stretch.joints[k + 1 : k + 2], stretch.arc_mm[k], self._taken(stretch.joints[k + 1], stretch.time_s[k]), Move.FEED,
-                self._does, bulge=stretch.bulge[k : k + 1],
-            )  # fmt: skip
+                stretch.joints[k + 1 : k + 2], stretch.arc_mm[k], times, Move.FEED, self._does, bulge=stretch.bulge[k : k + 1]
+            )
+
+    def _time_s(self, stretch: Stretch, k: int) -> float:
+        """Of a piece: as planned, but for the laser's overlap, as fast as the control takes lines."""
+        planned_s = float(stretch.time_s[k])
+        if not self.reentry.is_deposit or stretch.overlap[k, 0] >= 1.0:
+            return planned_s
+        return min(planned_s, max(planned_s / HASTE, 1.0 / self.setting.cell.cnc.max_blocks_per_s))
 
     def _light(self, stretch: Stretch) -> None:
         output = self.setting.cell.cnc.laser_gate_output
         level = self.reentry.levels.get(Channel.LASER_W, 0.0)
         if stretch.overlap_mm > 0.0:
             low = self.setting.ramp_power * level
-            self._say(
-                f"laser on {stretch.overlap_mm:.2f} mm before metal's end, {low:.0f} W to {level:.0f} W there",
-                is_part=True,
-            )
+            self._say(f"laser on {stretch.overlap_mm:.2f} mm before metal's end, {low:.0f} to {level:.0f} W, fast", is_part=True)
         if self.setting.program.gate == "modbus" or output is None:
             self.tape.schedule(Channel.EMISSION, 1.0, self.tape.count)
         else:

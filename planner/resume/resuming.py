@@ -25,7 +25,7 @@ from planner.resume.reentry import Reentry, Source, reentry_at
 from planner.resume.rest import Modal, rest_of, rest_of_schedule, rest_of_table
 from planner.resume.stretch import Wanted, lit_lines
 
-RAMP_STEPS = 4
+RAMP_STEPS = 3
 """Lines that the overlap is cut into, each with its own level of the laser: at usual speeds each lasts longer than a write of the level."""
 _SAME_TIP_MM = 0.02  # between the table and the chain: more is another placement
 _SAME_JOINT = 1e-6
