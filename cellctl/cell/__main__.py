@@ -30,6 +30,7 @@ from config.base import ConfigError
 from config.cell import Cell, load_cell
 from drivers.clock import SystemClock
 from drivers.cnc.driver import CncDriver
+from drivers.cnc.line_watch import LineWatch
 from planner.errors import PlannerError
 
 SNAPSHOT_S = 0.1
@@ -52,7 +53,7 @@ class CellProcess:
             self._stop, lambda: self.controller.state.value, stop_host or cell.service.host
         )
         self._connection = Connection(self.controller, CellWires(cell, run_dir, self._clock), self._watch_cnc)
-        self._watched: int | None = None
+        self._watch: LineWatch | None = None
         self._due: asyncio.TimerHandle | None = None
         self._seq = 0
         self._published_at = 0.0
@@ -113,15 +114,10 @@ class CellProcess:
             self.controller.fault("internal", f"{type(error).__name__}: {error}")
 
     def _watch_cnc(self, cnc: CncDriver | None) -> None:
-        """Read the CNC's port as soon as bytes come in."""
-        loop = asyncio.get_running_loop()
-        if self._watched is not None:
-            loop.remove_reader(self._watched)
-            self._watched = None
-        descriptor = cnc.fileno() if cnc is not None else None
-        if descriptor is not None:
-            loop.add_reader(descriptor, self._pump)
-            self._watched = descriptor
+        """Read the CNC's port as soon as bytes come in, and write when the wire has room again."""
+        if self._watch is not None:
+            self._watch.close()
+        self._watch = LineWatch(cnc, self._pump) if cnc is not None and cnc.fileno() is not None else None
 
     def _pump(self) -> None:
         """The CNC's line, and set-points whose time has come between two ticks."""
@@ -135,19 +131,19 @@ class CellProcess:
         self._pace()
 
     def _pace(self) -> None:
-        """Go on when the wire has room again or a set-point is due, between two ticks."""
+        """Go on when a set-point is due, between two ticks; the CNC's line paces itself."""
         if self._due is not None:
             self._due.cancel()
             self._due = None
-        drivers, run = self.controller.drivers, self.controller.run
-        if drivers is None or not self.controller.is_cnc_alive:
-            return
-        wait_s = drivers.cnc.due_in_s()
+        if self._watch is not None:
+            self._watch.rearm()
+        run = self.controller.run if self.controller.is_cnc_alive else None
         due = run.due_at() if run is not None else None
-        if due is not None and (left_s := due - self._clock.now()) > 0.0:  # what is overdue is for the next tick
-            wait_s = min(wait_s, left_s)
-        if wait_s < self.cell.limits.tick_s:
-            self._due = asyncio.get_running_loop().call_later(max(wait_s, 0.0005), self._pump)
+        if due is None:
+            return
+        left_s = due - self._clock.now()
+        if 0.0 < left_s < self.cell.limits.tick_s:  # what is overdue is for the next tick
+            self._due = asyncio.get_running_loop().call_later(max(left_s, 0.0005), self._pump)
 
     async def _stop(self, ident: str, who: str, because: str) -> str:
         self.commands.stop_now(because)

@@ -9,7 +9,8 @@ from drivers.cnc import protocol as grbl
 from drivers.cnc.codes import explain_error
 from drivers.cnc.events import AlarmRaised, Identity
 from drivers.cnc.identity import check_identity, read_identity
-from drivers.cnc.line import RESET_S, CncLine
+from drivers.cnc.line import CncLine
+from drivers.cnc.overdue import RESET_S
 from drivers.cnc.status import MOVING
 from drivers.errors import CommandRefused, DeviceFault, DeviceSilent, FirmwareUnknown, RangeError_, WrongAnswer
 
@@ -57,6 +58,7 @@ class CncDriver(CncLine):
         window = min(identity.rx_bytes, self.status.rx_free or identity.rx_bytes) - self.facts.rx_margin_bytes
         planner = self.status.planner_free if self.status.is_idle and self.status.planner_free else identity.planner_blocks
         self.protocol.window_bytes = window
+        self.protocol.rx_idle = self.status.rx_free
         self.identity = dataclasses.replace(identity, letters=letters, window_bytes=window, planner_blocks=planner)
         return self.identity
 

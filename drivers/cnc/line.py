@@ -9,7 +9,6 @@ from config.cell import Cnc
 from drivers.cnc import protocol as grbl
 from drivers.cnc.events import (
     AlarmRaised,
-    AnswerOverdue,
     CncEvent,
     Identity,
     LineAccepted,
@@ -21,25 +20,25 @@ from drivers.cnc.events import (
     StatusReport,
     Welcome,
 )
+from drivers.cnc.overdue import AnswerWatch
+from drivers.cnc.pacing import BITS_PER_BYTE
 from drivers.cnc.program_stream import ProgramStream
 from drivers.cnc.protocol import Answer, GrblProtocol
-from drivers.cnc.status import MOVING, PAUSING
+from drivers.cnc.sender import Sender
 from drivers.cnc.wire import Wire
 from drivers.errors import CommandRefused, DriverError, LinkLost, RangeError_
 from drivers.interfaces import BytePort, Clock
 
 QUERY_PERIOD_MIN_S = 0.1  # firmwares answer status at most 10 times a second without disturbing motion
 STEP_S = 0.002  # how often an awaited command looks at the line
-STATUS_FRESH_S = 1.0  # an older report says nothing about why answers are missing
-RESET_S = 3.0  # for the banner after a soft reset; boards that load their program again take about two
 OVERRIDE_PERCENT = (10, 200)
 
 
 class CncLine:
     """One serial line to one CNC.
 
-    Nothing here waits. The owner calls `pump` when `fileno` is readable, after `due_in_s`, and at every tick; awaited
-    commands pump by themselves and keep the events for the next `pump`.
+    Nothing here waits. The owner calls `pump` when `fileno` is readable and at every tick, `write` after `due_in_s`
+    (LineWatch does both on an event loop); awaited commands pump by themselves and keep the events for the next `pump`.
     """
 
     def __init__(self, port: BytePort, facts: Cnc, letters: tuple[str, ...], clock: Clock) -> None:
@@ -48,19 +47,17 @@ class CncLine:
         self.clock = clock
         self.status: Status | None = None
         self.identity: Identity | None = None
-        self.protocol = GrblProtocol(letters, facts.line_length_max)
+        self.protocol = GrblProtocol(letters, facts.line_length_max, BITS_PER_BYTE / facts.baud)
+        self.alarm: AlarmRaised | None = None  # the last one since the last command
         self._port = port
         self._wire = Wire(port, facts.baud, clock)
+        self._sender = Sender(self._wire, self.protocol)
+        self._answers = AnswerWatch(self.protocol, facts.answer_timeout_s, clock.now())
         self._program: ProgramStream | None = None
-        self._commands: list[tuple[str, Answer]] = []
         self._events: list[CncEvent] = []
-        self._going: tuple[str, Answer | None] | None = None  # the line that is being written
         self._lost = ""
+        self._query_s = max(QUERY_PERIOD_MIN_S, facts.status_period_s)
         self._asked_at = -math.inf  # last status query
-        self._progress_at = clock.now()  # last sign that answers may still be on their way
-        self._is_overdue = False
-        self._reset_at = 0.0
-        self.alarm: AlarmRaised | None = None  # the last one since the last command
 
     @property
     def is_connected(self) -> bool:
@@ -81,7 +78,7 @@ class CncLine:
     def is_drained(self) -> bool:
         """Whether every released line has been executed and the machine is idle."""
         program = self._program
-        if self._going is not None or self._commands or self.protocol.unanswered:
+        if self.protocol.unanswered or not self._sender.is_empty:
             return False
         return program is None or (program.is_sent and program.executed >= program.sent)
 
@@ -96,11 +93,11 @@ class CncLine:
         return events
 
     def due_in_s(self) -> float:
-        """Seconds until `pump` has something to write, if nothing is read before."""
+        """Seconds until `write` has something to do, if nothing is read before."""
         if self._lost:
             return self.facts.status_period_s
-        to_query = max(0.0, self._asked_at + max(QUERY_PERIOD_MIN_S, self.facts.status_period_s) - self.clock.now())
-        return to_query if self._going is None else min(to_query, self._wire.wait_s())
+        to_query = max(0.0, self._asked_at + self._query_s - self.clock.now())
+        return min(to_query, self._wire.wait_s()) if self._sender.may_write else to_query
 
     def step(self) -> None:
         """As pump, but the events stay for the next pump."""
@@ -111,11 +108,27 @@ class CncLine:
             if data:
                 for event in self.protocol.receive(data, self.clock.now()):
                     self._take(event)
-            self._watch()
-            self.query_status()
-            self._write()
+            if (overdue := self._answers.look(self.clock.now(), self._program)) is not None:
+                self._events.append(overdue)
+                if overdue.n:
+                    self._stop_stream(f"no answer to line {overdue.n}")
         except LinkLost as error:
             self._lose(error)
+        self.write()
+
+    def write(self, late_s: float | None = None) -> None:
+        """Ask for status if it is time to, and write what fits. late_s: how late the timer was that brought this about."""
+        if self._lost:
+            return
+        if late_s is not None:
+            self._wire.pacer.woke(late_s)
+        try:
+            self.query_status()
+            self._sender.write()
+        except LinkLost as error:
+            self._lose(error)
+        if self._sender.objection and self._program is not None and not self._program.halted:
+            self._object(self._program, self._sender.objection)
 
     def load(self, lines: Sequence[str] | Iterable[str], first: int = 0, times_s: Sequence[float] | None = None) -> None:
         """A program to stream from line index `first` (line i carries N(i+1)); nothing goes before `release`.
@@ -128,6 +141,7 @@ class CncLine:
         if self.protocol.unanswered or self.protocol.is_latched or not (self.is_halted or self.is_drained):
             raise CommandRefused("the CNC still has lines of another program", "let it end, or abort and reset it")
         self._program = ProgramStream(lines, first, self.facts.line_length_max, times_s)
+        self._sender.load(self._program)
         self.protocol.acknowledged = first
 
     def release(self, upto: int) -> None:
@@ -141,13 +155,14 @@ class CncLine:
         if self._program is not None:
             self._program.halted = "unloaded"
             self._program = None
+            self._sender.load(None)
 
     def query_status(self) -> bool:
         """`?`, at most ten times a second; whether it was sent. Raises LinkLost."""
         now = self.clock.now()
-        if now - self._asked_at < max(QUERY_PERIOD_MIN_S, self.facts.status_period_s):
+        if now - self._asked_at < self._query_s:
             return False
-        self._asked_at = now
+        self._asked_at = self.protocol.asked_at = now
         self.urge(grbl.STATUS)
         return True
 
@@ -175,9 +190,9 @@ class CncLine:
         except LinkLost as error:
             self._lose(error)
             raise
-        self._abandon()
+        self._sender.abandon()
         self.protocol.reset_expected = True
-        self._reset_at = self.clock.now()
+        self._answers.reset_asked(self.clock.now())
         self.urge(grbl.RESET)
 
     def feed_override(self, percent: int) -> None:
@@ -203,9 +218,7 @@ class CncLine:
         self._check_port()
         if len(text) > self.facts.line_length_max or "\n" in text or not text.isascii():
             raise RangeError_(f"CNC: {text[:40]!r} is no single line of up to {self.facts.line_length_max} characters", "shorten it")
-        answer = Answer()
-        self._commands.append((text, answer))
-        return answer
+        return self._sender.enqueue(text)
 
     async def wait_until(self, is_met: Callable[[], bool], timeout_s: float) -> bool:
         """Pump until `is_met` (True) or the time is over (False). Raises LinkLost."""
@@ -232,19 +245,12 @@ class CncLine:
         if not self._lost:
             self._lost = error.message
             self._halt("link lost")
-            self._abandon()
+            self._sender.abandon()
             self._events.append(PortLost(error.message))
 
     def _halt(self, because: str) -> None:
         if self._program is not None and not self._program.halted:
             self._program.halted = because
-
-    def _abandon(self) -> None:
-        """Forget what has not been written."""
-        for _, answer in self._commands:
-            answer.is_lost = True
-        self._commands.clear()
-        self._going = None
 
     def _stop_stream(self, because: str) -> None:
         """Send nothing more of the program and hold: a firmware that drops a bad line goes on with the next one."""
@@ -256,7 +262,7 @@ class CncLine:
         self._events.append(event)
         match event:
             case LineAccepted():
-                self._progress_at = self.clock.now()
+                self._answers.progress(self.clock.now())
             case StatusReport(status, unanswered):
                 self._follow(status, unanswered)
             case LineRejected(n, code):
@@ -269,83 +275,23 @@ class CncLine:
                     self._stop_stream(text)
             case Welcome():
                 self._wire.drop()
-                self._abandon()
+                self._sender.abandon()
                 self._halt("the controller has reset")
-                self._is_overdue = False
+                self._answers.was_reset()
             case _:
                 pass
 
     def _follow(self, status: Status, unanswered: int) -> None:
-        before, self.status = self.status, status
-        if status.state in PAUSING or before is None or (status.state in MOVING and (status.machine != before.machine or status.line != before.line)):
-            self._progress_at = status.at
+        self.status = status
+        self._answers.report(status)
         if self._program is not None:
-            empty = self.identity.planner_blocks if self.identity else None
-            self._program.follow(status, unanswered, empty)
+            self._program.follow(status, unanswered, self.identity.planner_blocks if self.identity else None)
 
-    def _watch(self) -> None:
-        """Tell once when the answer to the oldest line is overdue."""
-        now = self.clock.now()
-        if self.protocol.reset_expected and now - self._reset_at > RESET_S:
-            self.protocol.reset_expected = False
-            self._events.append(AnswerOverdue(0, "reset", now - self._reset_at, self.protocol.garbled))
-        oldest = self.protocol.oldest
-        if oldest is None or oldest.answer is not None:
-            self._progress_at = now
-            self._is_overdue = False
-            return
-        waited = now - self._progress_at
-        if self._is_overdue or waited <= self.facts.answer_timeout_s:
-            return
-        status = self.status
-        if status is not None and status.state in PAUSING and now - status.at < STATUS_FRESH_S:
-            return
-        if waited > self.facts.answer_timeout_s + self._allowance_s():
-            self._is_overdue = True
-            self._events.append(AnswerOverdue(oldest.n, oldest.text, waited, self.protocol.garbled))
-            self._stop_stream(f"no answer to line {oldest.n}")
-
-    def _allowance_s(self) -> float:
-        """Predicted time of the moves that the controller still holds, at the present overrides."""
-        if self._program is None:
-            return 0.0
-        feed, rapid, _ = self.status.overrides if self.status else (100, 100, 100)
-        return self._program.remaining_s() * 100.0 / max(1, min(feed, rapid, 100))
-
-    def _write(self) -> None:
-        while self._going is not None or self._next():
-            if not self._wire.write():
-                return
-            assert self._going is not None
-            (text, answer), self._going = self._going, None
-            self.protocol.finish()
-            if answer is None and self._program is not None:
-                self._program.went(text)
-
-    def _next(self) -> bool:
-        """Begin the next command or line if the controller has room for it."""
-        program = self._program
-        answer: Answer | None = None
-        if self._commands:
-            n, (text, answer) = 0, self._commands[0]
-        elif program is not None and not program.halted and (line := program.peek()) is not None:
-            n, text = program.sent + 1, line
-            objection = program.objection(text, self.protocol.window_bytes)
-            if objection:
-                self._events.append(LineRejected(n, 0, objection, text, "abort the job and post the program again for this cell"))
-                self._stop_stream(objection)
-                return False
-        else:
-            return False
-        data = text.encode("ascii") + b"\n"
-        if not self.protocol.has_room(len(data)):
-            return False
-        if answer is not None:
-            del self._commands[0]
-        self.protocol.begin(n, text, len(data), answer)
-        self._wire.put(data)
-        self._going = (text, answer)
-        return True
+    def _object(self, program: ProgramStream, why: str) -> None:
+        """The program's next line cannot be sent."""
+        text = program.peek() or ""
+        self._events.append(LineRejected(program.taken + 1, 0, why, text, "abort the job and post the program again for this cell"))
+        self._stop_stream(why)
 
 
 def could_be_error(text: str) -> bool:

@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 
 from drivers.cnc.events import LineCounts, Status
 
-FORBIDDEN = re.compile(r"[^ \"-~]|[?~]")  # control, `!`, `?`, `~` and everything beyond ASCII: real-time bytes to the firmware
+ALLOWED = bytes(code for code in range(ord(" "), ord("~")) if chr(code) not in "!?")
+"""What may stand in a line: not control characters, `!`, `?`, `~` and everything beyond ASCII, which are real-time bytes to the firmware."""
 WORDS = re.compile(r"([GMFP])(-?\d*\.?\d+)")
 NUMBER = re.compile(r"N(\d+)")
+NUMBERS = re.compile(r"^N(\d+)", re.MULTILINE)
+BLOCK_LINES = 32  # read and checked at once: a fraction of a millisecond
 TOOL_CHANGE_S = 120.0  # longest tool change of an automatic changer that reports no state of its own
 SPINDLE_S = 15.0  # longest run-up or run-down of a spindle
 TIMED_LINES = 4096  # more than any planner and receive buffer hold; older lines have been executed
@@ -29,6 +33,7 @@ class ProgramStream:
         self.total = len(lines) if isinstance(lines, Sequence) else None
         self.first = first
         self.released = first
+        self.taken = first  # lines that have begun to go out
         self.sent = first
         self.executing = 0
         self.executed = first
@@ -36,11 +41,12 @@ class ProgramStream:
         self._source = _from(lines, first)
         self._line_max = line_max
         self._times_s = times_s
-        self._durations: deque[float] = deque()  # of lines executed.. sent, as far as their text tells
-        self._durations_s = 0.0
-        self._inverse_time = False
+        self._ahead: deque[str] = deque()  # read from the source, not taken yet
+        self._plain_max = 0  # longest of the lines read, if none of them needs a look of its own
+        self._held: deque[str] = deque()  # lines executed.. sent, as far back as TIMED_LINES
+        self._mode = InverseTime()  # before the first of those
+        self._told: tuple[int, int, float] = (first, first, 0.0)  # executed, sent and the time by words between them
         self._idle_reports = 0
-        self._ahead: str | None = None
 
     @property
     def is_ended(self) -> bool:
@@ -53,37 +59,41 @@ class ProgramStream:
         return self.is_ended or self.sent >= self.released
 
     def peek(self) -> str | None:
-        """The next line if it is released; None otherwise. The same one until `went`."""
-        if self.is_sent:
+        """The next line if it is released; None otherwise. The same one until it is taken."""
+        if self.taken >= self.released:
             return None
-        if self._ahead is None:
-            self._ahead = next(self._source, None)
-            if self._ahead is None:
-                self.total = self.sent
-        return self._ahead
+        if not self._ahead:
+            self._read()
+        return self._ahead[0] if self._ahead else None
+
+    def take(self) -> None:
+        """The line that `peek` showed begins to go out."""
+        self._ahead.popleft()
+        self.taken += 1
 
     def objection(self, line: str, window_bytes: int) -> str:
         """Why the next line cannot be sent ("" if it can). window_bytes: what may stand unanswered at the controller."""
+        if 0 < self._plain_max < window_bytes:
+            return ""
         if len(line) > self._line_max or len(line) >= window_bytes:
             return f"line has {len(line)} characters, the controller takes {min(self._line_max, window_bytes - 1)}"
-        if FORBIDDEN.search(line):
+        if not line.isascii() or line.encode().translate(None, ALLOWED):
             return "line holds a character that the controller would carry out at once or not understand"
         if line.startswith("$"):
             return "a $ command cannot be streamed"
-        if line.startswith("N") and (match := NUMBER.match(line)) and int(match[1]) != self.sent + 1:
-            return f"line {self.sent + 1} of the program carries N{match[1]}"
+        if line.startswith("N") and (match := NUMBER.match(line)) and int(match[1]) != self.taken + 1:
+            return f"line {self.taken + 1} of the program carries N{match[1]}"
         return ""
 
     def went(self, line: str) -> None:
         """The line has left whole."""
+        if self.taken == self.sent:
+            self.take()
         self.sent += 1
-        self._ahead = None
-        seconds = self._seconds(line)
-        self._durations.append(seconds)
-        self._durations_s += seconds
+        self._held.append(line)
         self._idle_reports = 0
-        if len(self._durations) > TIMED_LINES:
-            self._durations_s -= self._durations.popleft()
+        if len(self._held) > TIMED_LINES:
+            self._drop()
 
     def follow(self, status: Status, unanswered: int, empty_planner: int | None) -> None:
         """Take executing and executed from a status report. empty_planner: free blocks that an idle planner shows.
@@ -112,17 +122,45 @@ class ProgramStream:
         if self._times_s is not None and self.sent > self.executed:
             before = self._times_s[self.executed - 1] if self.executed > 0 else 0.0
             planned = float(self._times_s[self.sent - 1]) - float(before)
-        return max(planned, self._durations_s)
+        executed, sent, by_words = self._told
+        if (executed, sent) != (self.executed, self.sent):
+            mode = InverseTime(self._mode.is_on)
+            by_words = sum(mode.seconds(line) for line in self._held)
+            self._told = (self.executed, self.sent, by_words)
+        return max(planned, by_words)
 
     def _done(self, upto: int) -> None:
         self.executed = max(self.executed, upto)
-        while len(self._durations) > self.sent - self.executed:
-            self._durations_s -= self._durations.popleft()
-        if not self._durations:
-            self._durations_s = 0.0
+        while len(self._held) > self.sent - self.executed:
+            self._drop()
 
-    def _seconds(self, line: str) -> float:
-        """Time of one line by its words: G93 with F, dwell, tool change, spindle."""
+    def _drop(self) -> None:
+        line = self._held.popleft()
+        if "G9" in line:
+            self._mode.seconds(line)
+
+    def _read(self) -> None:
+        """Read the next block of lines and look at all of them at once; what is odd in it is looked at line by line later."""
+        block = list(islice(self._source, BLOCK_LINES))
+        if not block:
+            self.total = self.taken
+            return
+        self._ahead.extend(block)
+        text, first = "\n".join(block), self.taken
+        longest = max(map(len, block))
+        is_plain = longest <= self._line_max and text.isascii() and text.encode().translate(None, ALLOWED) == b"\n" * (len(block) - 1)
+        numbers = [str(n) for n in range(first + 1, first + 1 + len(block))]
+        self._plain_max = longest if is_plain and NUMBERS.findall(text) == numbers else 0
+
+
+class InverseTime:
+    """Time of lines by their words: G93 with F, dwell, tool change, spindle."""
+
+    def __init__(self, is_on: bool = False) -> None:
+        self.is_on = is_on  # G93 holds
+
+    def seconds(self, line: str) -> float:
+        """Of the next line, s."""
         feed = pause = 0.0
         seconds = 0.0
         is_dwell = False
@@ -133,7 +171,7 @@ class ProgramStream:
             elif letter == "P":
                 pause = value
             elif letter == "G":
-                self._inverse_time = value == 93 or (self._inverse_time and value != 94)
+                self.is_on = value == 93 or (self.is_on and value != 94)
                 is_dwell = is_dwell or value == 4
             elif value == 6:
                 seconds += TOOL_CHANGE_S
@@ -141,7 +179,7 @@ class ProgramStream:
                 seconds += SPINDLE_S
         if is_dwell:
             return seconds + pause
-        return seconds + (60.0 / feed if self._inverse_time and feed > 0 else 0.0)
+        return seconds + (60.0 / feed if self.is_on and feed > 0 else 0.0)
 
 
 def _from(lines: Sequence[str] | Iterable[str], first: int) -> Iterator[str]:

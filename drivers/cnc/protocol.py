@@ -6,6 +6,7 @@ Sources: grbl 1.1 documentation ("Interface", character counting), grblHAL core 
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ JOG_CANCEL, FULL_STATUS = b"\x85", b"\x87"  # FULL_STATUS: grblHAL only, other f
 FEED_100, FEED_UP_10, FEED_DOWN_10, FEED_UP_1, FEED_DOWN_1 = b"\x90", b"\x91", b"\x92", b"\x93", b"\x94"
 
 LINE_BYTES_MAX = 4096  # no firmware sends a longer line; what is longer is noise
+SURPLUS_BYTES = 8  # in the controller's buffer beyond what is unanswered; no line of a program is shorter
 GARBLED_KEPT = 60  # characters of damaged text kept for the operator
 BANNER = re.compile(r"(?i)^grbl(hal)? ?\d|^grblhal")
 CODE = re.compile(r"^(error|ALARM):(\d{1,3})$")
@@ -54,18 +56,26 @@ class Sent:
 
 
 class GrblProtocol:
-    """State of the line protocol. `window_bytes` is what may stand unanswered, newlines included."""
+    """State of the line protocol. `window_bytes` is what may stand unanswered, newlines included.
 
-    def __init__(self, letters: tuple[str, ...], window_bytes: int = 0) -> None:
+    byte_s : time that a byte takes on the line, s (0: none is known)
+    """
+
+    def __init__(self, letters: tuple[str, ...], window_bytes: int = 0, byte_s: float = 0.0) -> None:
         self.window_bytes = window_bytes
         self.reader = StatusReader(letters)
         self.unanswered_bytes = 0
         self.acknowledged = 0  # N-word up to which every line was accepted
         self.is_latched = False  # a line of the stream was refused: nothing more may be sent before `clear`
         self.reset_expected = False
+        self.asked_at = -math.inf  # when status was asked for last
+        self.rx_idle: int | None = None  # bytes that the controller says are free when its buffer is empty
         self.banner = ""
         self.garbled = ""
         self._partial = b""
+        self._partial_at = 0.0  # when its first byte came
+        self._byte_s = byte_s
+        self._is_surplus_told = False
         self._sent: deque[Sent] = deque()
         self._whole = 0  # how many of _sent have left with their newline
 
@@ -102,24 +112,39 @@ class GrblProtocol:
         self._whole = 0
         self.unanswered_bytes = 0
         self.is_latched = False
+        self._is_surplus_told = False
         self.garbled = ""
         return forgotten
 
     def receive(self, data: bytes, now: float) -> list[CncEvent]:
         """Take bytes as they come, any number at a time; the events of all lines that are complete."""
         events: list[CncEvent] = []
+        if data == b"ok\r\n" and not self._partial:
+            self._accept(events)
+            return events
+        began = self._partial_at if self._partial else now
         lines = (self._partial + data).split(b"\n")
         self._partial = lines.pop()
+        self._partial_at = began if not lines else now
         if len(self._partial) > LINE_BYTES_MAX:
             lines.append(self._partial)
             self._partial = b""
+        behind = sum(map(len, lines)) + len(lines) + len(self._partial)  # bytes from the line's first one on
         for line in lines:
-            line = line.rstrip(b"\r")
-            if line == b"ok":
+            if line == b"ok\r" or line == b"ok":
                 self._accept(events)
-            elif line:
-                self._other(line.decode("ascii", "replace"), now, events)
+            elif text := line.rstrip(b"\r"):
+                self._other(text.decode("ascii", "replace"), self._formed_at(now, began, behind), events)
+            behind -= len(line) + 1
+            began = now
         return events
+
+    def _formed_at(self, now: float, began: float, behind: int) -> float:
+        """When the controller began to send a line: `behind` bytes before now by the baud rate, no later than its first byte came.
+
+        A line without baud rate (USB, a pty) brings them at once: what was asked for was not formed before it was asked.
+        """
+        return min(now, max(min(self.asked_at, began), min(began, now - behind * self._byte_s)))
 
     def _accept(self, events: list[CncEvent]) -> None:
         sent = self._answered(events, "ok")
@@ -171,9 +196,16 @@ class GrblProtocol:
 
     def _report(self, line: str, now: float, events: list[CncEvent]) -> None:
         try:
-            events.append(StatusReport(self.reader.read(line, now), self.unanswered))
+            status = self.reader.read(line, now)
         except MalformedReport:
             self._damaged(line, events)
+            return
+        events.append(StatusReport(status, self.unanswered))
+        if status.rx_free is not None and self.rx_idle is not None and not self._is_surplus_told:
+            surplus = self.rx_idle - status.rx_free - self.unanswered_bytes
+            if surplus >= SURPLUS_BYTES:
+                self._is_surplus_told = True
+                events.append(ProtocolFault(f"the CNC holds {surplus} bytes more than it should (an answer was doubled)"))
 
     def _feedback(self, line: str, events: list[CncEvent]) -> None:
         oldest = self.oldest
