@@ -16,8 +16,7 @@ from cellctl.cell.modes import DEPOSIT, SAFE, Modes
 from cellctl.cell.power_share import PowerShare
 from cellctl.cell.set_points import LASER_CHANNELS, Leads, SetPoints
 from cellctl.cell.transaction import Step, Transaction
-from cellctl.domain.judge import MotionJudge
-from cellctl.domain.sync import Follower, MotionLimits, Timeline
+from cellctl.domain.sync import Follower, MotionJudge, Timeline
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
 from drivers.cnc.events import Status
@@ -57,8 +56,7 @@ def gate_of_lines(program: Program) -> NDArray[np.bool_]:
         rows = program.schedule[program.schedule["channel"] == Channel.EMISSION]
         marks = [(int(row["n"]) - 1, bool(row["value"])) for row in rows]
     gate = np.zeros(size, dtype=np.bool_)
-    ends = [*(start for start, _ in marks[1:]), size]
-    for (start, is_open), end in zip(marks, ends, strict=False):  # a Program without a word of the gate has one end and no mark
+    for (start, is_open), (end, _) in zip(marks, [*marks[1:], (size, False)], strict=True):
         gate[start:end] = is_open
     return gate
 
@@ -72,12 +70,7 @@ class Run:
         self.job = job
         self.name = name
         self.program = program
-        schedule = program.schedule
-        self._barriers = np.unique(schedule["n"][schedule["barrier"] == 1]).astype(np.int64)
-        limits = MotionLimits(np.array([axis.max_acceleration for axis in cell.axes]), cell.cnc.junction_deviation_mm)
-        self.timeline = Timeline.from_table(
-            program.table, gate_of_lines(program), bows(program, cell), plane_of(program), limits, self._barriers - 1
-        )
+        self.timeline = Timeline.from_table(program.table, gate_of_lines(program), bows(program, cell), plane_of(program))
         period = cell.cnc.status_period_s
         self.follower = Follower(self.timeline, period)
         self.judge = MotionJudge(cell.limits.moving_mm_s, EXPECT_PERIODS * period)
@@ -91,10 +84,12 @@ class Run:
         self._modes = modes
         self._hand = hand
         self._period_s = period
+        schedule = program.schedule
         self._schedule = schedule
         self._points = SetPoints(program, self.timeline, self.follower, Leads(drivers, cell.response))
-        self._share = PowerShare(self.follower, cell.response.laser_write_s)
+        self._share = PowerShare(self.follower)
         self.is_arming = False  # the permit is about to come: its level goes ahead
+        self._barriers = np.unique(schedule["n"][schedule["barrier"] == 1]).astype(int)
         self._released = 0
         self._answered_at = -1.0
         tools = np.flatnonzero(program.table["kind"] == LineKind.TOOL)
@@ -120,8 +115,6 @@ class Run:
             return
         if not status.is_idle and counts.executing > 0:
             self.executed = max(self.executed, counts.executing - 1)
-        elif not status.is_idle and self.follower.source == "position" and self.follower.last is not None:
-            self.executed = max(self.executed, min(self.follower.last.line, counts.sent))
         elif status.is_idle and status.at > self._answered_at:
             self.executed = max(self.executed, counts.executed)
 
@@ -160,11 +153,8 @@ class Run:
             return
         joints = np.array([status.machine[letter] for letter in letters])
         is_run = status.state == "Run" or (status.state == "Idle" and self._is_dwell(self.line))
-        told = status.line is not None and status.line > 0
-        self.follower.report(
-            self.line if told else max(self._released - 1, 0), joints, status.at, is_run=is_run, feed=status.feed_mm_min,
-            override=status.overrides[0] / 100.0, is_line_told=told,
-        )  # fmt: skip
+        self.follower.report(self.line, joints, status.at, is_run=is_run, feed=status.feed_mm_min)
+        self._share.report()
         self.judge.report(self.follower)
         if status.state not in ("Run", "Idle"):
             self.judge.standstill(f"the CNC is {status.state}")
@@ -175,9 +165,10 @@ class Run:
     def follow(self, now: float) -> None:
         """Carry out what the schedule has for the place where the machine will be once the device has reacted."""
         self._take(now, self.line)
-        laser = self._d.laser.client.latency
-        self._hand.factor = self._share.at(now, now + laser.level_s)
-        lead_s = ARM_S + laser.level_s + laser.read.longest_s
+        status = self._d.cnc.status
+        if status is not None:
+            self._hand.factor = self._share.share(status.overrides[0] / 100.0)
+        lead_s = ARM_S + self._d.laser.client.latency.level_s + self._d.laser.client.latency.read.longest_s
         self.is_arming = self.mode == DEPOSIT and self._points.switches_on_within(now, self._released, lead_s)
         self._d.laser.client.due(self._points.due_at(now, self._released, LASER_CHANNELS))
         self._d.feeder.client.due(self._points.due_at(now, self._released, FEEDER_CHANNELS))
