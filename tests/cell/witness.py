@@ -96,5 +96,4 @@ class PlantWitness:
         seen = {"standstill_s": self.standstill_s, "unsafe_lit_s": dict(self.unsafe_lit_s)}
         self.standstill_s = self._standing_s = self.max_standstill_emission_w = 0.0
         self.unsafe_lit_s.clear()
-        self.taken.clear()
         return seen
