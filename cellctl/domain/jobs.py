@@ -1,4 +1,4 @@
-"""The states of a job as one table, from submitted to its end; what is not in it raises and changes nothing."""
+"""The states and events of a job as one table, from submitted to its end; what is not in it raises and changes nothing."""
 
 from __future__ import annotations
 
@@ -25,6 +25,28 @@ class JobState(StrEnum):
     CANCELLED = "cancelled"
 
 
+class JobEvent(StrEnum):
+    """What happened to a job (past tense), or what somebody decided about it."""
+
+    PLAN_BEGUN = "plan begun"
+    PLAN_MADE = "plan made"
+    POST_BEGUN = "post begun"
+    PROOF_BEGUN = "proof begun"
+    PROOF_PASSED = "proof passed"
+    PROOF_WANTING = "proof has findings"
+    LAID_BEFORE = "laid before a person"
+    APPROVED = "approved"
+    STARTED = "started"
+    HELD = "held"
+    RESUMED = "resumed"
+    COMPLETED = "every line executed"
+    ABORTED = "aborted"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    WORKER_LOST = "worker lost"
+
+
 class WrongJobStateError(Exception):
     """A step that a job in this state cannot take. Nothing was changed."""
 
@@ -40,27 +62,36 @@ ON_CELL = frozenset({J.RUNNING, J.HELD})
 _BEFORE_CELL = (J.SUBMITTED, J.PLANNING, J.PLANNED, J.POSTING, J.PROVING, J.PROVEN, J.WAITING_FOR_APPROVAL, J.QUEUED)
 _WORKED_ON = (J.PLANNING, J.POSTING, J.PROVING)
 
-STEPS: frozenset[tuple[JobState, JobState]] = frozenset(
-    {
-        (J.SUBMITTED, J.PLANNING),
-        (J.PLANNING, J.PLANNED),
-        (J.PLANNED, J.POSTING),
-        (J.POSTING, J.PROVING),
-        (J.PROVING, J.PROVEN),
-        (J.PROVING, J.WAITING_FOR_APPROVAL),
-        (J.PROVEN, J.WAITING_FOR_APPROVAL),
-        (J.WAITING_FOR_APPROVAL, J.QUEUED),
-        (J.QUEUED, J.RUNNING),
-        (J.RUNNING, J.HELD),
-        (J.HELD, J.RUNNING),
-        *((J.RUNNING, end) for end in (J.COMPLETED, J.FAILED, J.ABORTED, J.INTERRUPTED)),
-        *((J.HELD, end) for end in (J.FAILED, J.ABORTED, J.INTERRUPTED)),
-        *((state, J.CANCELLED) for state in _BEFORE_CELL),
-        *((state, J.FAILED) for state in (*_WORKED_ON, J.SUBMITTED, J.PLANNED, J.PROVEN, J.QUEUED)),
-        # A worker or the service that died in the middle starts that step again.
-        *((state, J.SUBMITTED) for state in _WORKED_ON),
-    }
-)
+E = JobEvent
+TRANSITIONS: dict[tuple[JobState, JobEvent], JobState] = {
+    (J.SUBMITTED, E.PLAN_BEGUN): J.PLANNING,
+    (J.PLANNING, E.PLAN_MADE): J.PLANNED,
+    (J.PLANNED, E.POST_BEGUN): J.POSTING,
+    (J.POSTING, E.PROOF_BEGUN): J.PROVING,
+    (J.PROVING, E.PROOF_PASSED): J.PROVEN,
+    (J.PROVING, E.PROOF_WANTING): J.WAITING_FOR_APPROVAL,
+    (J.PROVEN, E.LAID_BEFORE): J.WAITING_FOR_APPROVAL,
+    (J.WAITING_FOR_APPROVAL, E.APPROVED): J.QUEUED,
+    (J.QUEUED, E.STARTED): J.RUNNING,
+    (J.RUNNING, E.HELD): J.HELD,
+    (J.HELD, E.RESUMED): J.RUNNING,
+    (J.RUNNING, E.COMPLETED): J.COMPLETED,
+    **{(state, E.FAILED): J.FAILED for state in (J.RUNNING, J.HELD)},
+    **{(state, E.ABORTED): J.ABORTED for state in (J.RUNNING, J.HELD)},
+    **{(state, E.INTERRUPTED): J.INTERRUPTED for state in (J.RUNNING, J.HELD)},
+    **{(state, E.CANCELLED): J.CANCELLED for state in _BEFORE_CELL},
+    **{(state, E.FAILED): J.FAILED for state in (*_WORKED_ON, J.SUBMITTED, J.PLANNED, J.PROVEN, J.QUEUED)},
+    # A worker or the service that died in the middle starts that step again.
+    **{(state, E.WORKER_LOST): J.SUBMITTED for state in _WORKED_ON},
+}
+
+STEPS: frozenset[tuple[JobState, JobState]] = frozenset((state, target) for (state, _), target in TRANSITIONS.items())
+"""From which state a job may go to which, whatever the event."""
+
+
+def after(state: JobState, event: JobEvent) -> JobState:
+    """The state that follows. Raises KeyError for what is not in the table."""
+    return TRANSITIONS[state, event]
 
 
 def step(state: JobState, target: JobState) -> JobState:
@@ -71,11 +102,11 @@ def step(state: JobState, target: JobState) -> JobState:
 
 
 def mermaid() -> str:
-    """The table as a mermaid state diagram."""
-    order = {state: index for index, state in enumerate(JobState)}
-    arrows = sorted(STEPS, key=lambda pair: (order[pair[0]], order[pair[1]]))
-    return "\n".join(["stateDiagram-v2", "    [*] --> submitted", *(f"    {a.value} --> {b.value}" for a, b in arrows)])
-
-
-if __name__ == "__main__":
-    print(mermaid())
+    """The table as a mermaid state diagram; what may end nearly every state is drawn once, from `any before the cell`."""
+    lines = ["stateDiagram-v2", "    [*] --> submitted"]
+    for (state, event), target in TRANSITIONS.items():
+        if event is not E.CANCELLED and not (event is E.FAILED and state not in ON_CELL):
+            lines.append(f"    {state.value} --> {target.value}: {event.value}")
+    lines += [f"    before_the_cell --> {J.CANCELLED.value}: {E.CANCELLED.value}", f"    before_the_cell --> {J.FAILED.value}: {E.FAILED.value}"]
+    lines += [f"    {state.value} --> [*]" for state in JobState if state in ENDED]
+    return "\n".join(lines)

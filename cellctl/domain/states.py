@@ -1,4 +1,4 @@
-"""The states of the cell as one table; what is not in it raises and changes nothing. `python -m cellctl.domain.states` draws it."""
+"""The states of the cell as one table; what is not in it raises and changes nothing. diagrams.py draws it."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def is_reached(state: State, trigger: Trigger) -> bool:
 
 
 def mermaid() -> str:
-    """The table as a mermaid state diagram; arrows that nearly every state has (stop, faulted) are drawn once, from `any`."""
+    """The table as a mermaid state diagram; arrows that nearly every state has (stop, faulted) are drawn once, from `any_state`."""
     everywhere = {T.STOP, T.FAULTED}
     lines = ["stateDiagram-v2", "    [*] --> OFFLINE"]
     grouped: dict[tuple[State, State], list[str]] = {}
@@ -182,9 +182,5 @@ def mermaid() -> str:
         if trigger not in everywhere and state is not target:
             grouped.setdefault((state, target), []).append(trigger.value)
     lines += [f"    {source} --> {target}: {', '.join(names)}" for (source, target), names in grouped.items()]
-    lines += ["    any --> FAULT: faulted", "    any --> STOPPED: stop"]
+    lines += ["    any_state --> FAULT: faulted", "    any_state --> STOPPED: stop"]
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    print(mermaid())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from cellctl.domain import jobs, states
+from cellctl.domain import diagrams, jobs, states
 from cellctl.domain.interlocks import LEVEL_WORDS, NAMES, Levels, Signal, may_emit, permissives
 from cellctl.domain.jobs import ENDED, JobState, WrongJobStateError
 from cellctl.domain.reactions import INTERLOCK_CAUSE, REACTIONS, explain
@@ -179,3 +179,20 @@ def test_there_are_words_for_every_reaction_and_a_reaction_for_all_words() -> No
 
 def test_no_conditions_at_all_are_no_permit() -> None:
     assert not may_emit([])
+
+
+def test_the_document_shows_the_tables_as_they_are() -> None:
+    assert diagrams.FILE.read_text(encoding="utf-8") == diagrams.document(), "run python -m cellctl.domain.diagrams"
+
+
+def test_the_picture_of_the_jobs_has_an_arrow_for_every_row_of_the_table() -> None:
+    drawn = jobs.mermaid().splitlines()
+    for (state, event), target in jobs.TRANSITIONS.items():
+        sources = (state.value, "before_the_cell")
+        assert any(f"    {source} --> {target.value}: {event.value}" in drawn for source in sources)
+
+
+def test_every_state_of_a_job_is_reached_and_none_is_left_by_what_the_table_has_not() -> None:
+    assert {jobs.after(state, event) for state, event in jobs.TRANSITIONS} == set(JobState)
+    with pytest.raises(KeyError):
+        jobs.after(JobState.COMPLETED, jobs.JobEvent.RESUMED)
