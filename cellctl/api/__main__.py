@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import gc
 import signal
 import sys
 from pathlib import Path
@@ -17,6 +18,8 @@ from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Setting
 from cellctl.planning.worker import end_with
 from cellctl.store import StoreError
 from config import ConfigError
+
+SWITCH_S = 0.001  # how long a thread that computes may keep the event loop waiting
 
 
 def arguments(words: list[str]) -> argparse.Namespace:
@@ -58,6 +61,9 @@ async def serve(given: argparse.Namespace) -> None:
         timeout_graceful_shutdown=3,
         ws_max_size=64 * 1024,
     )
+    sys.setswitchinterval(SWITCH_S)
+    gc.collect()
+    gc.freeze()  # what is there now stays; collecting it again and again would only keep requests waiting
     await uvicorn.Server(config).serve()
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -16,6 +17,9 @@ from cellctl.api.problems import Problem, response
 LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 JSON_LIMIT_BYTES = 1 << 20  # of anything that is not an upload
 UPLOAD_PATH = "/api/v1/parts"
+COMMAND_PATH = "/api/v1/cell/"
+PIECE_BYTES = 16 * 1024  # of an upload, between two of which everybody else has a turn
+GIVE_WAY_S = 0.25  # an upload waits at most so long per piece for commands that are under way
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -127,8 +131,37 @@ class Guard:
         await self.app(scope, receive, with_headers)
 
 
+class Precedence:
+    """Commands to the cell go before uploads: those wait while one is under way."""
+
+    def __init__(self) -> None:
+        self._under_way = 0
+        self._free = asyncio.Event()
+        self._free.set()
+
+    @contextmanager
+    def command(self) -> Iterator[None]:
+        """A command, for as long as the block lasts."""
+        self._under_way += 1
+        self._free.clear()
+        try:
+            yield
+        finally:
+            self._under_way -= 1
+            if self._under_way == 0:
+                self._free.set()
+
+    async def give_way(self) -> None:
+        """Let everybody else have a turn, and commands that are under way their end."""
+        await asyncio.sleep(0)
+        if not self._free.is_set():
+            with suppress(TimeoutError):
+                async with asyncio.timeout(GIVE_WAY_S):
+                    await self._free.wait()
+
+
 class BodyLimit:
-    """ASGI middleware: a body above its limit is answered 413, whatever its headers say.
+    """ASGI middleware: a body above its limit is answered 413, whatever its headers say. Uploads come in small pieces and give way.
 
     may_upload : whether who asks may send a part; others get no more room than for any request, as bodies are kept on the disk
     before a route looks at the sign-in
@@ -138,6 +171,7 @@ class BodyLimit:
         self.app = app
         self.upload_limit_bytes = upload_limit_bytes
         self.may_upload = may_upload
+        self.precedence = Precedence()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Count what comes in."""
@@ -173,4 +207,30 @@ class BodyLimit:
                 raise HTTPException(413, detail)
             return message
 
-        await self.app(scope, counted, send)
+        if is_upload:
+            await self.app(scope, InPieces(counted, self.precedence), send)
+        elif scope["method"] == "POST" and scope["path"].startswith(COMMAND_PATH):
+            with self.precedence.command():
+                await self.app(scope, counted, send)
+        else:
+            await self.app(scope, counted, send)
+
+
+class InPieces:
+    """A receive channel that hands a body over in pieces of at most PIECE_BYTES, each after others have had their turn."""
+
+    def __init__(self, receive: Receive, precedence: Precedence) -> None:
+        self._receive = receive
+        self._precedence = precedence
+        self._message: Message | None = None  # what is left of the last one
+
+    async def __call__(self) -> Message:
+        """The next piece."""
+        await self._precedence.give_way()
+        message = self._message or await self._receive()
+        body = message.get("body", b"")
+        if len(body) <= PIECE_BYTES:
+            self._message = None
+            return message
+        self._message = {**message, "body": body[PIECE_BYTES:]}
+        return {"type": message["type"], "body": body[:PIECE_BYTES], "more_body": True}

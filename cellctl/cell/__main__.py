@@ -20,7 +20,7 @@ from cellctl.cell.commands import Commands
 from cellctl.cell.connect import CellWires, Connection
 from cellctl.cell.controller import Controller, Times
 from cellctl.cell.ipc import IpcServer
-from cellctl.cell.program_reader import read_off_loop
+from cellctl.cell.program_reader import ProgramReader
 from cellctl.cell.record import Journal, StoreError
 from cellctl.cell.stop_listener import StopListener
 from cellctl.cell.tick import Beat, Ticker, be_urgent
@@ -40,13 +40,13 @@ log = structlog.get_logger()
 class CellProcess:
     """Joins controller, wires, socket, stop listener and timer in one event loop."""
 
-    def __init__(self, cell: Cell, run_dir: Path, store: Path, stop_host: str = "") -> None:
+    def __init__(self, cell: Cell, cell_file: str, run_dir: Path, store: Path, stop_host: str = "") -> None:
         self.cell = cell
         self._run_dir = run_dir
         self._clock = SystemClock()
         self._journal = Journal(store, box_file(run_dir))
         self.controller = Controller(cell, Times(self._clock, time.time), self._journal)
-        self.commands = Commands(self.controller, read_off_loop)
+        self.commands = Commands(self.controller, ProgramReader(cell_file, run_dir / "forms"))
         self._beat = Beat(cell.limits.tick_s)
         self._ipc = IpcServer(self.commands.handle, cell.name)
         self._stop_listener = StopListener(
@@ -156,8 +156,9 @@ def _on_loop(loop: asyncio.AbstractEventLoop, call: object) -> None:
         loop.call_soon_threadsafe(call)  # type: ignore[arg-type]
 
 
-async def _main(cell: Cell, run_dir: Path, store: Path, stop_host: str, stop_port: int | None) -> None:
-    process = CellProcess(cell, run_dir, store, stop_host)
+async def _main(cell_file: str, run_dir: Path, store: Path, stop_host: str, stop_port: int | None) -> None:
+    cell = load_cell(cell_file)
+    process = CellProcess(cell, cell_file, run_dir, store, stop_host)
     loop = asyncio.get_running_loop()
     for sign in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(sign, process.ended.set)
@@ -181,7 +182,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         given.run.mkdir(parents=True, exist_ok=True)
         given.store.parent.mkdir(parents=True, exist_ok=True)
-        asyncio.run(_main(load_cell(given.cell), given.run, given.store, given.stop_host, given.stop_port))
+        asyncio.run(_main(given.cell, given.run, given.store, given.stop_host, given.stop_port))
     except (ConfigError, StoreError, PlannerError) as error:
         print(f"{error.message}\n  {error.hint}", file=sys.stderr)
         return 2

@@ -46,9 +46,9 @@ def open_timer(period_s: float) -> int:
 
 
 def be_urgent() -> str:
-    """Ask for SCHED_FIFO; the name of the scheduler that holds, with the reason if it is the ordinary one."""
+    """Ask for SCHED_FIFO for this thread alone, not for threads and processes that it starts; the name of the scheduler that holds."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(FIFO_PRIORITY))
     except OSError as error:
         return f"SCHED_OTHER (SCHED_FIFO refused: {error.strerror})"
     return f"SCHED_FIFO {FIFO_PRIORITY}"

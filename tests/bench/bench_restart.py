@@ -67,5 +67,5 @@ def run() -> list[Table]:
     for name, k in (("first snapshot", 0), ("wires up (CNC identified, devices read)", 1), ("CPU of the new process until then", 2)):
         values = sorted(one[k] for one in found)
         rows.append([name, values[len(values) // 2], values[-1]])
-    load = os.getloadavg()[0]
-    return [Table("Cell process killed with -9", ["until", "p50 s", "max s"], rows, f"{KILLS} kills; load of the machine {load:.1f}, Python {sys.version.split()[0]}")]
+    note = f"{KILLS} kills; load of the machine {os.getloadavg()[0]:.1f}, Python {sys.version.split()[0]}"
+    return [Table("Cell process killed with -9", ["until", "p50 s", "max s"], rows, note)]

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,13 +67,34 @@ def start_sim(run: Path, time_scale: float = 1.0, cell: str = "trunnion_tcp") ->
 
 
 @contextmanager
-def served(time_scale: float = 1.0) -> Iterator[Served]:
-    """`cellctl serve` on a simulated cell, ended afterwards."""
+def tapped(run: Path, baud: int, log: Path) -> Iterator[None]:
+    """The CNC's wire goes through a tap that writes down in `log` when real-time bytes arrive; the cell file names the tap."""
+    file = run / "cell.toml"
+    port = re.search(r'^port = "(.*)"$', file.read_text(encoding="utf-8"), re.MULTILINE)
+    assert port is not None
+    with log.open("w") as output:
+        command = [sys.executable, "-m", "tests.bench.serial_tap", str(run / "tap"), str(run / port[1]), str(baud)]
+        tap = subprocess.Popen(command, stdout=output)
+        try:
+            until(lambda: log.read_text().startswith("ready"), "the tap's start")
+            file.write_text(file.read_text(encoding="utf-8").replace(port[0], 'port = "tap"'), encoding="utf-8")
+            yield
+        finally:
+            tap.terminate()
+            tap.wait(END_S)
+
+
+@contextmanager
+def served(time_scale: float = 1.0, tap_baud: int = 0) -> Iterator[Served]:
+    """`cellctl serve` on a simulated cell, ended afterwards.  tap_baud : the CNC's wire goes through a tap, its log is run/tap.log"""
     with tempfile.TemporaryDirectory(prefix="bench-served-") as place:
         folder = Path(place)
         run = folder / "run"
         run.mkdir()
         sim = start_sim(run, time_scale)
+        tap = ExitStack()
+        if tap_baud:
+            tap.enter_context(tapped(run, tap_baud, run / "tap.log"))
         words = ["--cell", str(run / "cell.toml"), "--store", str(folder / "store"), "--run", str(run)]
         command = [sys.executable, "-m", "cellctl", "serve", *words, "--port", "0", "--stop-port", "0"]
         service = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -87,6 +108,7 @@ def served(time_scale: float = 1.0) -> Iterator[Served]:
             for process in (service, sim):
                 process.terminate()
                 process.wait(END_S)
+            tap.close()
             assert sim.stdout is not None
             sim.stdout.close()
 

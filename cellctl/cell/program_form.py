@@ -1,0 +1,145 @@
+"""A Program as it is run: its text in one file with the offset of each line, its tables as arrays that are mapped, nothing left to compute.
+
+Written where time does not matter (by the planning worker, or by a process of its own before a start), beside the Program's directory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+import itertools
+import json
+import os
+import shutil
+import sys
+import tempfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellctl.cell.arc_ways import bows, plane_of
+from cellctl.cell.program_text import gate_of_lines, mounted_tools
+from cellctl.domain.timeline import Timeline
+from config.cell import Cell
+from planner.program import Program
+
+FORM = 1
+INDEX = "form.json"
+TEXT = "program.txt"
+STARTS = "starts.npy"
+TOOLS = "tools.npy"
+TABLES = ("table", "schedule", "layer_starts")
+MATRICES = ("machine_from_build", "build_from_part", "work_offset")
+TIMELINE = "timeline_"
+BATCH_LINES = 65_536
+
+
+def form_beside(directory: Path) -> Path:
+    """Where the form of a Program's directory lies."""
+    return directory.with_name(f"{directory.name}.form")
+
+
+def write_form(program: Program, cell: Cell, target: Path, program_sha256: str) -> None:
+    """Write the form of a Program for the cell that it was posted for; an older one at `target` is replaced in one step.
+
+    program_sha256 : of its program.json. Raises OSError.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        _write_text(program.lines, folder)
+        for name in TABLES:
+            np.save(folder / f"{name}.npy", np.ascontiguousarray(getattr(program, name)))
+        timeline = program_timeline(program, cell)
+        for field in dataclasses.fields(timeline):
+            column = getattr(timeline, field.name)
+            if isinstance(column, np.ndarray):
+                np.save(folder / f"{TIMELINE}{field.name}.npy", np.ascontiguousarray(column))
+        np.save(folder / TOOLS, np.array(mounted_tools(program), dtype=np.int64).reshape(-1, 2))
+        sums = {path.name: [path.stat().st_size, file_crc(path)] for path in sorted(folder.iterdir())}
+        document = {"form": FORM, "program_sha256": program_sha256, "sums": sums, "program": _scalars(program)}
+        document["timeline"] = {"plane": list(timeline.plane)}
+        (folder / INDEX).write_text(json.dumps(document, indent=1), encoding="utf-8")
+        if target.exists():
+            shutil.rmtree(target)
+        folder.rename(target)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def program_timeline(program: Program, cell: Cell) -> Timeline:
+    """The Timeline of a Program, but for how the control accelerates."""
+    schedule = program.schedule
+    barriers = np.unique(schedule["n"][schedule["barrier"] == 1]).astype(np.int64)
+    return Timeline.from_table(
+        program.table, gate_of_lines(program), bows(program, cell), plane_of(program), None, barriers - 1
+    )
+
+
+def file_crc(path: Path) -> int:
+    """CRC-32 of a file's content, read piece by piece: the event loop of another thread goes on meanwhile."""
+    total, piece = 0, bytearray(1 << 20)
+    view = memoryview(piece)
+    with path.open("rb", buffering=0) as file:
+        while count := file.readinto(piece):
+            total = zlib.crc32(view[:count], total)
+    return total
+
+
+def _write_text(lines: Any, folder: Path) -> None:
+    starts: NDArray[np.int64] = np.zeros(len(lines) + 1, dtype=np.int64)
+    place = 0
+    with (folder / TEXT).open("wb") as file:
+        for first in range(0, len(lines), BATCH_LINES):
+            batch = lines[first : first + BATCH_LINES]
+            lengths = np.fromiter((len(line) + 1 for line in batch), dtype=np.int64, count=len(batch))
+            starts[first + 1 : first + len(batch) + 1] = place + np.cumsum(lengths)
+            place += file.write("".join(itertools.chain.from_iterable((line, "\n") for line in batch)).encode("ascii"))
+    np.save(folder / STARTS, starts)
+
+
+def _scalars(program: Program) -> dict[str, Any]:
+    """Everything of a Program that is no table, as JSON."""
+    values = {}
+    for field in dataclasses.fields(Program):
+        value = getattr(program, field.name)
+        if field.name in ("lines", *TABLES):
+            continue
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            value = dataclasses.asdict(value)
+        values[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
+    return values
+
+
+def main(words: list[str] | None = None) -> int:
+    """`python -m cellctl.cell.program_form DIRECTORY TARGET --cell FILE`: verify a Program, write its form. 2 with one line if it is none."""
+    from config import ConfigError, load_cell
+    from planner.errors import PlannerError
+    from planner.files import read_program
+
+    parser = argparse.ArgumentParser(prog="python -m cellctl.cell.program_form")
+    parser.add_argument("directory", type=Path)
+    parser.add_argument("target", type=Path)
+    parser.add_argument("--cell", required=True)
+    given = parser.parse_args(words)
+    os.nice(10)
+    try:
+        program = read_program(given.directory)
+        digest = hashlib.sha256((given.directory / "program.json").read_bytes()).hexdigest()
+        write_form(program, load_cell(given.cell), given.target, digest)
+    except (PlannerError, ConfigError) as error:
+        print(json.dumps([error.message, error.hint]), file=sys.stdout)
+        return 2
+    except (OSError, ValueError) as error:
+        print(json.dumps([f"{given.directory}: cannot be made ready: {error}", "look at the disk"]), file=sys.stdout)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
