@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from config.device import Device
 from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkError, RangeError_, WrongAnswer
@@ -12,13 +12,15 @@ from drivers.interfaces import Clock, ModbusLink
 from drivers.modbus.latency import Latency
 from drivers.modbus.readback import Disagreements, Heartbeat
 from drivers.modbus.readings import Reading, Readings
-from drivers.modbus.registers import LIMITS, check_range, decode, encode, spans
+from drivers.modbus.registers import LIMITS, Span, check_range, decode, encode, spans
 from drivers.modbus.turn import Turn
 from drivers.modbus.watcher import Watcher
 from drivers.modbus.write_order import next_group
 
 HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
 RETRY_S = 0.3  # pause after a device missed twice: longer than it is waited out, so that others on its line have their turn
+BEATS_SHARE = 0.25  # of the dead-man's time between two heartbeats: three may be lost
+PROVE_SHARE = 0.4  # of the stale limit: readings older than that go before proofs
 RECHECK_CYCLES = 25  # set-points without a read-back register are read from their own table this often
 
 
@@ -53,9 +55,12 @@ class DeviceClient(Readings):
         self._safe = dict(self.desired)
         self._written: dict[str, list[int]] = {}
         self._written_at: dict[str, float] = {}
+        self._proven: dict[str, list[int]] = {}  # what was read from a set-point's own table since it was written
         self._pulses: set[str] = set()
         self._ebbing: set[str] = set()  # pulses that were written: safe again from the next cycle on
         self._read_spans = spans(registers, [name for name, register in registers.items() if not register.writable])
+        self._contacts = [span for span in self._read_spans if span.table == "discrete"] if device.role == "io" else []
+        self._sensed_at = -math.inf
         self._unproven: set[str] = set()  # written without read-back register, not yet read from their own table
         self._write_only: set[str] = set()
         self._cycles = 0
@@ -83,6 +88,17 @@ class DeviceClient(Readings):
         if self.connected and not self.heartbeat.is_followed(now):
             found.append(f"{self.device.name}: does not follow the heartbeat, its dead-man cannot be trusted")
         return found
+
+    def holds(self, name: str) -> bool:
+        """Whether the device was told what is wanted and, where this can be read, holds it."""
+        register, written = self.device.registers[name], self._written.get(name)
+        if written is None or written != encode(register, self.desired[name]):
+            return False
+        if register.readback is None:
+            return name in self._write_only or self._proven.get(name) == written
+        reading = self.readings.get(register.readback)
+        is_near = reading is not None and abs(decode(register, written) - reading.value) <= register.readback_tolerance + abs(register.scale) / 2
+        return is_near and reading is not None and reading.at >= self._written_at[name]
 
     def set(self, name: str, value: float) -> None:
         """Want `value` (register's unit) from the next cycle on. Raises RangeError_; then nothing changes."""
@@ -135,7 +151,7 @@ class DeviceClient(Readings):
             if not self.link.connected:
                 self._lose()
                 await self.link.connect()
-            error = await self._write_changes(self.is_beating)
+            error = await self._write_changes(self.is_beating and self._is_beat_due())
             error = await self._read_all() or error
         except LinkError as lost:
             self._miss(lost)
@@ -145,6 +161,12 @@ class DeviceClient(Readings):
         self._misses = 0
         self.last_error = self._named(error) if error else None
         self._compare()
+
+    def _is_beat_due(self) -> bool:
+        """Whether the next heartbeat goes now: one in so long, and not just before a set-point that is due."""
+        now = self.clock.now()
+        age = (now - self._beat_at) / self.device.dead_man_s
+        return age >= BEATS_SHARE and (age >= 2.0 * BEATS_SHARE or self.turn.taken_at(now, self.latency.write.longest_s) is None)
 
     async def flush(self) -> None:
         """Write what was set, nothing else; errors are in `last_error`."""
@@ -204,6 +226,7 @@ class DeviceClient(Readings):
                 continue
             self._written[name] = words[name]
             self._written_at[name] = ended
+            self._proven.pop(name, None)
             if name in self._pulses:
                 self._pulses.discard(name)
                 self._ebbing.add(name)
@@ -216,38 +239,64 @@ class DeviceClient(Readings):
     async def _read_all(self) -> DriverError | None:
         """Read every span; the first refusal, if any. What is set meanwhile goes out between two reads. Raises LinkError."""
         error: DriverError | None = None
-        for span in self._read_spans:
+        for span in sorted(self._read_spans, key=lambda span: -self._urgency(span.names)):
             error = await self._give_way() or error
-            at = self.clock.now()
-            try:
-                words = await self.link.read(self.device_id, span.table, span.address, span.count)
-            except (DeviceFault, WrongAnswer) as refusal:
-                error = error or refusal
-                continue
-            ended = self.clock.now()
-            self.latency.read.took(ended - at)
-            is_news = False
-            for name in span.names:
-                register = self.device.registers[name]
-                start = register.address - span.address
-                value = decode(register, words[start : start + register.count])
-                is_news = is_news or (name in self._levels and value != self.value(name))
-                self.readings[name] = Reading(value, at)
-            if is_news and self.on_level is not None:
-                self.on_level()
-            if self.watcher is not None:
-                self.watcher.read(span.names, at, ended)
+            error = await self._read_span(span) or error
         return await self._prove() or error
+
+    async def _read_span(self, span: Span) -> DriverError | None:
+        """Read one span; its refusal, if any. Raises LinkError."""
+        at = self.clock.now()
+        if span in self._contacts:
+            self._sensed_at = at
+        try:
+            words = await self.link.read(self.device_id, span.table, span.address, span.count)
+        except (DeviceFault, WrongAnswer) as refusal:
+            return refusal
+        ended = self.clock.now()
+        self.latency.read.took(ended - at)
+        is_news = False
+        for name in span.names:
+            register = self.device.registers[name]
+            start = register.address - span.address
+            value = decode(register, words[start : start + register.count])
+            is_news = is_news or (name in self._levels and value != self.value(name))
+            self.readings[name] = Reading(value, at)
+        if is_news and self.on_level is not None:
+            self.on_level()
+        if self.watcher is not None:
+            self.watcher.read(span.names, at, ended)
+        return None
+
+    @property
+    def is_sense_due(self) -> bool:
+        """Whether it has contacts, and they were read longer ago than its poll period."""
+        now = self.clock.now()
+        return self._is_up and bool(self._contacts) and now >= self._retry_at and now - self._sensed_at >= self.device.poll_s
+
+    async def sense(self) -> None:
+        """Read the contacts, nothing else: between two requests of other devices on the line. Errors are in `last_error`."""
+        try:
+            for span in self._contacts:
+                await self._read_span(span)
+        except LinkError as lost:
+            self._miss(lost)
 
     async def _give_way(self) -> DriverError | None:
         """Before a reading: what was set goes first; the first refusal, if any. Raises LinkError."""
         error: DriverError | None = None
         while True:
-            await self.turn.before_read(self, self.latency.read.longest_s)
+            takes_s = self.latency.read.longest_s
+            left = (self.device.registers[name].stale_s - self.age(name) for each in self._read_spans for name in each.names)
+            await self.turn.before_read(self, takes_s, min(left, default=0.0) - self.latency.write.longest_s - takes_s)
             if not self.wake.is_set():
                 return error
             self.wake.clear()
             error = await self._write_changes(beat=False) or error
+
+    def _urgency(self, names: Iterable[str]) -> float:
+        """Age of the oldest of the readings, in its stale limits."""
+        return max((self.age(name) / self.device.registers[name].stale_s for name in names), default=0.0)
 
     async def _prove(self) -> DriverError | None:
         """Read set-points without a read-back register from their own table, after a write and now and then."""
@@ -258,6 +307,9 @@ class DeviceClient(Readings):
         self._unproven = set()
         for span in spans(self.device.registers, names):
             await self._give_way()
+            if max(self._urgency(each.names) for each in self._read_spans) > PROVE_SHARE:
+                self._unproven |= set(span.names)  # another time: readings are about to grow stale
+                continue
             before = {name: self._written.get(name) for name in span.names}
             try:
                 words = await self.link.read(self.device_id, span.table, span.address, span.count)
@@ -278,6 +330,7 @@ class DeviceClient(Readings):
         if written is None or written != self._written.get(name):
             return
         if written == held:
+            self._proven[name] = held
             self.disagreements.agree(name)
             return
         register = self.device.registers[name]

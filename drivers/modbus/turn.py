@@ -17,8 +17,15 @@ class Talker(Protocol):
 
     wake: asyncio.Event
 
+    @property
+    def is_sense_due(self) -> bool:
+        """Whether its contacts are to be read before anything else is."""
+
     async def flush(self) -> None:
         """Write what was set; nothing else."""
+
+    async def sense(self) -> None:
+        """Read the contacts; nothing else."""
 
 
 class Turn:
@@ -48,24 +55,32 @@ class Turn:
             if other is not talker and other.wake.is_set():
                 await other.flush()
 
-    async def before_read(self, talker: Talker, takes_s: float) -> None:
+    async def let_others_sense(self, talker: Talker) -> None:
+        """Contacts that are due on another device of the line are read first: safety does not wait for a whole round."""
+        for other in self._talkers:
+            if other is not talker and other.is_sense_due:
+                await other.sense()
+                await self.let_others_write(talker)
+
+    async def before_read(self, talker: Talker, takes_s: float, patience_s: float) -> None:
         """Return when a read that takes `takes_s` neither holds up what was set nor what is due on any device of the line.
 
+        patience_s : a read that would have to wait longer than that goes at once, whatever is due
         What `talker` itself wants written is for itself to look after: its `wake` is set then.
         """
-        began = self._clock.now()
+        await self.let_others_sense(talker)
+        until = self._clock.now() + min(patience_s, HELD_MAX_S)
         while True:
             await self.let_others_write(talker)
             now = self._clock.now()
-            left = self._kept_free_s(now, takes_s)
-            if talker.wake.is_set() or left <= 0.0 or now - began >= HELD_MAX_S:
+            due = self.taken_at(now, takes_s)
+            if talker.wake.is_set() or due is None or due > until or now > until:
                 return
-            await self.pause(left)
+            await self.pause(max(due + LATE_S - now, 0.0))
 
-    def _kept_free_s(self, now: float, takes_s: float) -> float:
-        """How long a read that takes `takes_s` has to wait for what is due (s); 0 when it may go."""
-        waits = [at + LATE_S - now for at in self._due.values() if at - now < takes_s + GUARD_S and now - at < LATE_S]
-        return max(waits, default=0.0)
+    def taken_at(self, now: float, takes_s: float) -> float | None:
+        """Wire time (s) of what is due before a request that takes `takes_s` would have ended; None: the line is free for it."""
+        return max((at for at in self._due.values() if at - now < takes_s + GUARD_S and now - at < LATE_S), default=None)
 
     async def pause(self, seconds: float) -> None:
         """Return after `seconds`, or as soon as anything is set on the line."""
