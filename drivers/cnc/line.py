@@ -94,10 +94,14 @@ class CncLine:
 
     def due_in_s(self) -> float:
         """Seconds until `write` has something to do, if nothing is read before."""
+        return max(0.0, self.due_at() - self.clock.now())
+
+    def due_at(self) -> float:
+        """The same as a time of the clock."""
         if self._lost:
-            return self.facts.status_period_s
-        to_query = max(0.0, self._asked_at + self._query_s - self.clock.now())
-        return min(to_query, self._wire.wait_s()) if self._sender.may_write else to_query
+            return self.clock.now() + self.facts.status_period_s
+        to_query = self._asked_at + self._query_s
+        return min(to_query, self._wire.due_at()) if self._sender.may_write else to_query
 
     def step(self) -> None:
         """As pump, but the events stay for the next pump."""
@@ -163,6 +167,7 @@ class CncLine:
         if now - self._asked_at < self._query_s:
             return False
         self._asked_at = self.protocol.asked_at = now
+        self._wire.pacer.asked(now)
         self.urge(grbl.STATUS)
         return True
 
@@ -283,6 +288,7 @@ class CncLine:
 
     def _follow(self, status: Status, unanswered: int) -> None:
         self.status = status
+        self._wire.pacer.heard(self.protocol.report_came_at)
         self._answers.report(status)
         if self._program is not None:
             self._program.follow(status, unanswered, self.identity.planner_blocks if self.identity else None)

@@ -9,7 +9,6 @@ from drivers.cnc.line import CncLine
 from drivers.transport.one_shot import OneShot
 
 SAME_S = 2e-5  # a timer that goes off within this of the time wanted is not set anew
-REST_S = 1.0  # while nothing is due
 
 
 class LineWatch:
@@ -32,14 +31,10 @@ class LineWatch:
 
     def rearm(self) -> None:
         """Set the timer to when the line has something to write; nothing happens on a closed watch."""
-        if self._timer.fd < 0:
-            return
-        line = self._line
-        wait_s = line.due_in_s() if line.is_connected else REST_S
-        due_at = line.clock.now() + wait_s
-        if abs(due_at - self._due_at) > SAME_S:
+        due_at = self._line.due_at()
+        if abs(due_at - self._due_at) > SAME_S and self._timer.fd >= 0:
             self._due_at = due_at
-            self._timer.set(wait_s)
+            self._timer.set(due_at)
 
     def close(self) -> None:
         """Leave the event loop. Harmless twice."""
@@ -56,10 +51,7 @@ class LineWatch:
     def _on_timer(self) -> None:
         line = self._line
         line.write(line.clock.now() - self._due_at)
-        if line.is_connected:
-            self._due_at = 0.0
-            self.rearm()
-        else:
+        if not line.is_connected:
             self._pump()
-            if self._timer.fd >= 0:
-                self._timer.set(REST_S)
+        self._due_at = 0.0
+        self.rearm()

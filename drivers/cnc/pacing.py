@@ -5,29 +5,48 @@ Written bytes cannot be overtaken: what stands in the operating system's queue i
 
 from __future__ import annotations
 
+import math
+
 AHEAD_S = 0.0019  # a `!` waits at most this long behind what is already written; its own byte takes the rest of 2 ms
 RESERVE_S = (0.00025, 0.001)  # least and most that still stands when more is written: what a late timer may use up
 RESERVE_UP_S, RESERVE_DOWN_S = 50e-6, 0.5e-6  # per wake: they balance where one wake in a hundred is later than the reserve
+PACE = 0.997  # of the baud rate: what a line lags behind its model (clocks differ, adapters pause) is caught up with
 BITS_PER_BYTE = 10  # start, 8 data, stop
 LEAST_BYTES = 8  # at very low baud rates still more than one byte at a time
+ANSWERS = 6  # status reports from which a lag is judged: the promptest of them
+LAG_S = (0.0003, 0.005)  # least that is worth catching up with at once; most that is taken for a lag
 
 
 class Pacer:
-    """Follows the line by time, as some drivers (pty, USB) say their queue is empty whatever stands in it."""
+    """Follows the line by time, as some drivers (pty, USB) say their queue is empty whatever stands in it.
+
+    What such a queue hides shows in the answers to status queries, which nothing but the line delays: when even the promptest of
+    several comes later than it used to, bytes stand before the query that this model believes to be gone.
+    """
 
     def __init__(self, baud: int) -> None:
-        self.bytes_per_s = baud / BITS_PER_BYTE
+        self.bytes_per_s = PACE * baud / BITS_PER_BYTE
         self.ahead_bytes = max(LEAST_BYTES, int(self.bytes_per_s * AHEAD_S))
         self.reserve_s = sum(RESERVE_S) / 2
-        self._standing = 0.0  # bytes not yet on the wire at time _at
+        self._standing: float = 0.0  # bytes not yet on the wire at time _at
         self._at = 0.0
+        self._asked_at: float | None = None  # when the query under way leaves, as far as is known
+        self._answers_s: list[float] = []
+        self._prompt_s = math.inf  # from a query's leaving to its answer, when nothing is hidden
+        self._has_caught_up = False
 
-    def room(self, now: float, queued: int) -> int:
-        """Bytes that may be written now. queued: what the operating system says it holds."""
+    def room(self, now: float) -> int:
+        """Bytes that may be written now."""
         self._advance(now)
-        if queued > self._standing:
-            self._standing = queued
         return int(self.ahead_bytes - self._standing)
+
+    def stands(self, count: int) -> None:
+        """The operating system says that it holds `count` bytes."""
+        self._standing = max(self._standing, count)
+
+    def refused(self) -> None:
+        """The operating system took nothing: its queue is full."""
+        self._standing = self.ahead_bytes
 
     def wrote(self, count: int) -> None:
         """`count` bytes were written just now."""
@@ -37,11 +56,10 @@ class Pacer:
         """The output queue was discarded."""
         self._standing = 0.0
 
-    def wait_s(self, now: float) -> float:
-        """Seconds until it is worth writing again: the reserve stands by then, or half of what may stand."""
-        self._advance(now)
+    def due_at(self) -> float:
+        """When it is worth writing again: the reserve stands by then, or half of what may stand."""
         low = min(self.bytes_per_s * self.reserve_s, 0.5 * self.ahead_bytes)
-        return max(0.0, (self._standing - low) / self.bytes_per_s)
+        return self._at + (self._standing - low) / self.bytes_per_s
 
     def woke(self, late_s: float) -> None:
         """A timer was late by late_s: the reserve is learnt from it, as large as this machine's timers need and no larger."""
@@ -50,6 +68,32 @@ class Pacer:
             self.reserve_s = min(high, self.reserve_s + RESERVE_UP_S)
         else:
             self.reserve_s = max(low, self.reserve_s - RESERVE_DOWN_S)
+
+    def asked(self, now: float) -> None:
+        """A status query goes now, behind what stands."""
+        self._advance(now)
+        self._asked_at = now + self._standing / self.bytes_per_s
+
+    def heard(self, at: float) -> None:
+        """The first byte of its answer came."""
+        if self._asked_at is None:
+            return
+        self._answers_s.append(at - self._asked_at)
+        self._asked_at = None
+        if len(self._answers_s) < ANSWERS:
+            return
+        promptest = min(self._answers_s)
+        self._answers_s.clear()
+        lag_s = promptest - self._prompt_s
+        least, most = LAG_S
+        if self._has_caught_up:
+            self._prompt_s = promptest  # a lag that stays after waiting for it is the controller's own way
+            self._has_caught_up = False
+        elif lag_s < least:
+            self._prompt_s = min(self._prompt_s, promptest)
+        else:
+            self._standing += min(lag_s, most) * self.bytes_per_s
+            self._has_caught_up = True
 
     def _advance(self, now: float) -> None:
         self._standing = max(0.0, self._standing - (now - self._at) * self.bytes_per_s)

@@ -70,6 +70,7 @@ class GrblProtocol:
         self.reset_expected = False
         self.asked_at = -math.inf  # when status was asked for last
         self.rx_idle: int | None = None  # bytes that the controller says are free when its buffer is empty
+        self.report_came_at = 0.0  # the first byte of the last status report
         self.banner = ""
         self.garbled = ""
         self._partial = b""
@@ -134,6 +135,7 @@ class GrblProtocol:
             if line == b"ok\r" or line == b"ok":
                 self._accept(events)
             elif text := line.rstrip(b"\r"):
+                self.report_came_at = began if text[0] == 0x3C else self.report_came_at
                 self._other(text.decode("ascii", "replace"), self._formed_at(now, began, behind), events)
             behind -= len(line) + 1
             began = now

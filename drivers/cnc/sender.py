@@ -33,9 +33,11 @@ class Sender:
     @property
     def may_write(self) -> bool:
         """Whether something waits for the wire alone: neither for an answer nor for a release."""
+        if self._free() <= 0:
+            return False
         if self._rest:
-            return self._free() > 0
-        return self._free() > 0 and (bool(self._commands) or self._has_line())
+            return True
+        return self._protocol.has_room(len(self._commands[0][0]) + 1) if self._commands else self._has_line()
 
     def load(self, program: ProgramStream | None) -> None:
         """The program to send lines of from now on."""
@@ -59,19 +61,15 @@ class Sender:
 
     def write(self) -> None:
         """Write as much as there is room for, here and at the controller. Raises LinkLost."""
-        while True:
-            room = min(self._wire.room(), self._free())
-            if room <= 0:
-                return
-            while len(self._rest) < room and self._begin():
-                pass
-            if not self._rest:
-                return
-            count = self._wire.write(self._rest[:room])
-            self._rest = self._rest[count:]
+        free = self._free()
+        room = min(self._wire.room(), free) if free > 0 else 0
+        if room <= 0:
+            return
+        while len(self._rest) < room and self._begin():
+            pass
+        if self._rest:
+            self._rest = self._rest[self._wire.write(self._rest[:room]) :]
             self._finish()
-            if count < room:
-                return
 
     def _free(self) -> int:
         """Bytes that the controller takes beyond those written."""

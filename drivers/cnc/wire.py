@@ -5,6 +5,8 @@ from __future__ import annotations
 from drivers.cnc.pacing import Pacer
 from drivers.interfaces import BytePort, Clock
 
+RETRY_S = 0.0005  # for real-time bytes that the operating system refused
+
 
 class Wire:
     """Puts bytes on the port no faster than the line takes them, and keeps real-time bytes that the operating system refused."""
@@ -24,12 +26,19 @@ class Wire:
         """Bytes that may be written now. Raises LinkLost."""
         if self._urgent and not self._flush_urgent():
             return 0
-        return self.pacer.room(self._clock.now(), self._port.queued())
+        room = self.pacer.room(self._clock.now())
+        if room > 0 and (queued := self._port.queued()) > 0:
+            self.pacer.stands(queued)
+            room = min(room, self.pacer.ahead_bytes - queued)
+        return room
 
     def write(self, data: bytes) -> int:
         """Write at most `room()` bytes; the number that was taken. Raises LinkLost."""
         count = self._port.write(data)
-        self.pacer.wrote(count)
+        if count:
+            self.pacer.wrote(count)
+        else:
+            self.pacer.refused()
         return count
 
     def drop(self) -> None:
@@ -38,11 +47,9 @@ class Wire:
         self.pacer.dropped()
         self._port.discard_output()
 
-    def wait_s(self) -> float:
-        """Seconds until it is worth writing again."""
-        if self._urgent:
-            return 0.0
-        return self.pacer.wait_s(self._clock.now())
+    def due_at(self) -> float:
+        """When it is worth writing again (s, the clock's time)."""
+        return self._clock.now() + RETRY_S if self._urgent else self.pacer.due_at()
 
     def _flush_urgent(self) -> bool:
         count = self._port.write(self._urgent)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import os
-import sys
 
 CLOCK_MONOTONIC = 1
 TFD_NONBLOCK = 0o4000
 TFD_CLOEXEC = 0o2000000
-LEAST_S = 1e-6  # zero would disarm it
+TFD_TIMER_ABSTIME = 1
+NS = 1_000_000_000
 
 
 class _Timespec(ctypes.Structure):
@@ -21,26 +21,26 @@ class _Itimerspec(ctypes.Structure):
 
 
 class OneShot:
-    """`fd` becomes readable `seconds` after `set` and stays so until it is set anew. Raises OSError when there is none to be had."""
+    """`fd` becomes readable at the monotonic time that is `set` and stays so until it is set anew.
+
+    Raises OSError when there is none to be had.
+    """
 
     def __init__(self) -> None:
-        self._libc = ctypes.CDLL(None, use_errno=True)
-        self._spec = _Itimerspec()
-        self._pointer = ctypes.byref(self._spec)
-        if sys.version_info >= (3, 13):
-            self.fd = os.timerfd_create(CLOCK_MONOTONIC, flags=os.TFD_NONBLOCK | os.TFD_CLOEXEC)
-            return
-        self.fd = int(self._libc.timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC))
+        library = ctypes.CDLL(None, use_errno=True)
+        self.fd = int(library.timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC))
         if self.fd < 0:
             raise OSError(ctypes.get_errno(), "timerfd_create")
+        self._settime = ctypes.CDLL(None).timerfd_settime
+        self._settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        self._spec = _Itimerspec()
+        self._value = self._spec.it_value
+        self._address = ctypes.addressof(self._spec)
 
-    def set(self, seconds: float) -> None:
-        """Go off after `seconds` from now, instead of whenever it would have."""
-        seconds = max(seconds, LEAST_S)
-        whole = int(seconds)
-        self._spec.it_value.tv_sec = whole
-        self._spec.it_value.tv_nsec = int((seconds - whole) * 1e9)
-        self._libc.timerfd_settime(self.fd, 0, self._pointer, None)
+    def set(self, at: float) -> None:
+        """Go off at `at` (s, CLOCK_MONOTONIC; now, if that is past) instead of whenever it would have."""
+        self._value.tv_sec, self._value.tv_nsec = divmod(max(1, int(at * NS)), NS)
+        self._settime(self.fd, TFD_TIMER_ABSTIME, self._address, None)
 
     def close(self) -> None:
         """Give the descriptor back. Harmless twice."""
