@@ -22,10 +22,8 @@ from planner.post.words import Words, decimal
 from planner.program import LINE_DTYPE, Channel, LineKind, Program
 from planner.resume.approach import Approach, Retract
 from planner.resume.reentry import Reentry
-from planner.resume.stretch import Stretch
+from planner.resume.stretch import HASTE, Stretch
 
-HASTE = 3.0
-"""Times the speed of the pass on the overlap: there a bead lies already, and so fast it is molten once more with a third of the powder."""
 _ALL = 0b11111
 _POWER_DECIMALS = 2  # of a watt
 _ARC_MM = 1e-9

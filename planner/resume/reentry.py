@@ -14,7 +14,7 @@ from planner.errors import ResumeError
 from planner.kinematics.chain import Floats
 from planner.post.read_blocks import Reading
 from planner.program import Channel, LineKind, Program
-from planner.resume.stretch import Stretch, Wanted, lit_lines, pass_lines, stretch_to
+from planner.resume.stretch import HASTE, Stretch, Wanted, lit_lines, pass_lines, stretch_to
 
 _DWELL = re.compile(r"G0?4\s*P(\d+\.?\d*|\.\d+)")
 
@@ -55,13 +55,20 @@ class Source:
     material: Material | None
 
     def usual_overlap_mm(self, tool: Tool, line: int) -> float:
-        """One bead's width at the level and the speed of a line; of a cutter its radius."""
+        """One bead's width at the level and the speed of a line, as much less as axes cannot run it HASTE times as fast; of a cutter its radius."""
         if tool.kind != "deposition" or self.material is None:
             return 0.5 * tool.diameter_mm
         row, law = self.program.table[line], self.material.bead
-        speed = float(row["arc_end_mm"] - row["arc_start_mm"]) / max(float(self.reading.time_s[line]), 1e-6)
+        arc_mm = max(float(row["arc_end_mm"] - row["arc_start_mm"]), 1e-6)
+        speed = arc_mm / max(float(self.reading.time_s[line]), 1e-6)
         power = _levels(self.program, line).get(Channel.LASER_W, 0.0)
-        return float(law.width_coefficient * power**law.width_power_exponent * speed**law.width_speed_exponent)
+        width = float(law.width_coefficient * power**law.width_power_exponent * speed**law.width_speed_exponent)
+        per_mm = np.maximum(np.abs(self.reading.joints[line + 1] - self.reading.joints[line]) / arc_mm, 1e-9)
+        fastest = float(np.min(np.array([axis.max_velocity for axis in self.cell.axes]) / per_mm))
+        gain = float(np.min(np.array([axis.max_acceleration for axis in self.cell.axes]) / per_mm))
+        peak = min(fastest, float(np.hypot(speed, np.sqrt(gain * width))))  # speeds up over one half, brakes over the other
+        share = 1.0 if peak >= HASTE * speed else 0.5 * (1.0 + peak / speed) / HASTE
+        return width * min(1.0, share)
 
 
 def reentry_at(source: Source, at: tuple[int, float], wanted: Wanted) -> Reentry:

@@ -15,6 +15,8 @@ from planner.program import Channel, LineKind, Program
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+HASTE = 3.0
+"""Times the speed of the pass on the overlap: there a bead lies already, and so fast it is molten once more with a third of the powder."""
 SNAP_MM = 0.02
 """Places along a pass nearer than this are one: no line is made so short."""
 
