@@ -64,6 +64,9 @@ export interface Permissive {
   name: string;
   ok: boolean;
   why: string;
+  level: string;
+  age_s: number;
+  stale_s: number;
 }
 
 export interface Alarm {

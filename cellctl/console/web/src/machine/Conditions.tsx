@@ -16,7 +16,7 @@ export function Conditions() {
         <PermissivesHead all={now.permissives} />
         <ul class="conditions">
           {now.permissives.map((one) => (
-            <Condition key={one.name} ok={one.ok} label={words.permissive[one.name] ?? one.name} why={one.why} />
+            <Condition key={one.name} ok={one.ok} label={words.permissive[one.name] ?? one.name} why={one.why} level={levelOf(one)} />
           ))}
         </ul>
       </section>
@@ -44,13 +44,20 @@ function PermissivesHead({ all }: { all: Permissive[] }) {
   );
 }
 
-function Condition({ ok, label, why }: { ok: boolean; label: string; why: string }) {
+/** The level in words, and how old the reading behind it is; what rests on no reading has no age. */
+function levelOf({ level, age_s, stale_s }: Permissive): string {
+  if (stale_s <= 0) return level;
+  return `${level}, ${age_s > NEVER_S ? say.never : age(age_s + dataAge.value)}`;
+}
+
+function Condition({ ok, label, why, level = "" }: { ok: boolean; label: string; why: string; level?: string }) {
   return (
     <li class={ok ? "ok" : "not-ok"} title={why}>
       <i aria-hidden="true">{ok ? "✓" : "✕"}</i>
       <span>
         {label}
         <span class="hidden-word"> {ok ? words.ok : words.notOk}</span>
+        {level && <span class="level"> {level}</span>}
         {!ok && why && <small>{why}</small>}
       </span>
     </li>
