@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cellctl.cell.program_form import form_beside
 from cellctl.domain.jobs import JobState
 from cellctl.planning import keys
 from cellctl.planning.process import Workers
@@ -170,6 +171,7 @@ class JobWork:
     def _keep_program(self, source: Path, summary: dict[str, Any]) -> Made:
         """The hash of program.json names the program: it holds the hashes of its other files."""
         sha256 = blobs.sha256_of(source / "program.json")
+        blobs.place(form_beside(source), form_beside(self.store.blobs.program(sha256)))
         blobs.place(source, self.store.blobs.program(sha256))
         return Made(sha256, summary)
 

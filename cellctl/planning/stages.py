@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from itertools import count
@@ -136,7 +137,8 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
 
 
 def post(task: Task, report: Report) -> dict[str, Any]:
-    """Post the plan for the cell; writes the program's folder. Raises PlannerError, ConfigError."""
+    """Post the plan for the cell; writes the program's folder, and beside it the form that a run opens. Raises PlannerError, ConfigError."""
+    from cellctl.cell.program_form import form_beside, write_form
     from config import load_cell
     from planner.files import read_plan, write_program
     from planner.post import post as make_program
@@ -144,7 +146,9 @@ def post(task: Task, report: Report) -> dict[str, Any]:
     report("posting", 0.0)
     cell = load_cell(task.cell)
     made = make_program(read_plan(Path(task.plan)), cell, dialect=cell.cnc.firmware)
-    write_program(made, Path(task.folder) / PROGRAM_FOLDER)
+    folder = Path(task.folder) / PROGRAM_FOLDER
+    write_program(made, folder)
+    write_form(made, cell, form_beside(folder), hashlib.sha256((folder / "program.json").read_bytes()).hexdigest())
     return {"lines": len(made.lines), "duration_s": float(made.duration_s)}
 
 
