@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from config.device import Device
 from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkError, RangeError_, WrongAnswer
 from drivers.interfaces import Clock, ModbusLink
 from drivers.modbus.latency import Latency
-from drivers.modbus.readback import Disagreements, Heartbeat
-from drivers.modbus.readings import Reading, Readings
-from drivers.modbus.registers import LIMITS, Span, check_range, decode, encode, spans
+from drivers.modbus.readings import Reading
+from drivers.modbus.registers import Span, check_range, decode, encode, spans
 from drivers.modbus.turn import Turn
 from drivers.modbus.watcher import Watcher
 from drivers.modbus.write_order import next_group
+from drivers.modbus.written import HEARTBEAT, Written
 
-HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
 RETRY_S = 0.3  # pause after a device missed twice: longer than it is waited out, so that others on its line have their turn
 BEATS_SHARE = 0.25  # of the dead-man's time between two heartbeats: three may be lost
 PROVE_SHARE = 0.4  # of the stale limit: readings older than that go before proofs
 RECHECK_CYCLES = 25  # set-points without a read-back register are read from their own table this often
 
 
-class DeviceClient(Readings):
+class DeviceClient(Written):
     """A device on a link. `cycle` raises no DriverError but keeps it in `last_error`; what it cannot read grows old.
 
     A device that was lost is wanted safe until somebody asks for something else: it never comes back with the laser on.
@@ -37,10 +36,6 @@ class DeviceClient(Readings):
         super().__init__(device, clock)
         self.device_id = device_id
         self.link = link
-        registers = device.registers
-        self.desired: dict[str, float] = {
-            name: register.safe for name, register in registers.items() if register.safe is not None and name != HEARTBEAT
-        }
         self.wake = asyncio.Event()
         self.turn = turn if turn is not None else Turn(clock)
         self.turn.join(self)
@@ -48,21 +43,15 @@ class DeviceClient(Readings):
         self.watcher: Watcher | None = None
         self.is_beating = True  # cleared by whoever wants the device's dead-man to trip
         self.on_level: Callable[[], None] | None = None  # called as soon as a level or a word of flags was read that differs from before
-        self._levels = frozenset(name for name, register in registers.items() if not register.writable and register.is_level)
+        self._levels = frozenset(name for name, register in device.registers.items() if not register.writable and register.is_level)
         self.last_error: DriverError | None = None
-        self.disagreements = Disagreements()
-        self.heartbeat = Heartbeat(int(LIMITS.get(registers[HEARTBEAT].type, (0, 0xFFFF))[1]), device.dead_man_s)
         self._safe = dict(self.desired)
-        self._written: dict[str, list[int]] = {}
-        self._written_at: dict[str, float] = {}
-        self._proven: dict[str, list[int]] = {}  # what was read from a set-point's own table since it was written
         self._pulses: set[str] = set()
         self._ebbing: set[str] = set()  # pulses that were written: safe again from the next cycle on
-        self._read_spans = spans(registers, [name for name, register in registers.items() if not register.writable])
+        self._read_spans = spans(device.registers, [name for name, register in device.registers.items() if not register.writable])
         self._contacts = [span for span in self._read_spans if span.table == "discrete"] if device.role == "io" else []
         self._sensed_at = -math.inf
         self._unproven: set[str] = set()  # written without read-back register, not yet read from their own table
-        self._write_only: set[str] = set()
         self._cycles = 0
         self._is_up = False
         self._misses = 0  # cycles without an answer, in a row
@@ -88,17 +77,6 @@ class DeviceClient(Readings):
         if self.connected and not self.heartbeat.is_followed(now):
             found.append(f"{self.device.name}: does not follow the heartbeat, its dead-man cannot be trusted")
         return found
-
-    def holds(self, name: str) -> bool:
-        """Whether the device was told what is wanted and, where this can be read, holds it."""
-        register, written = self.device.registers[name], self._written.get(name)
-        if written is None or written != encode(register, self.desired[name]):
-            return False
-        if register.readback is None:
-            return name in self._write_only or self._proven.get(name) == written
-        reading = self.readings.get(register.readback)
-        is_near = reading is not None and abs(decode(register, written) - reading.value) <= register.readback_tolerance + abs(register.scale) / 2
-        return is_near and reading is not None and reading.at >= self._written_at[name]
 
     def set(self, name: str, value: float) -> None:
         """Want `value` (register's unit) from the next cycle on. Raises RangeError_; then nothing changes."""
@@ -294,10 +272,6 @@ class DeviceClient(Readings):
             self.wake.clear()
             error = await self._write_changes(beat=False) or error
 
-    def _urgency(self, names: Iterable[str]) -> float:
-        """Age of the oldest of the readings, in its stale limits."""
-        return max((self.age(name) / self.device.registers[name].stale_s for name in names), default=0.0)
-
     async def _prove(self) -> DriverError | None:
         """Read set-points without a read-back register from their own table, after a write and now and then."""
         self._cycles += 1
@@ -325,35 +299,6 @@ class DeviceClient(Readings):
                 start = register.address - span.address
                 self._judge(name, before[name], words[start : start + register.count])
         return None
-
-    def _judge(self, name: str, written: list[int] | None, held: list[int]) -> None:
-        if written is None or written != self._written.get(name):
-            return
-        if written == held:
-            self._proven[name] = held
-            self.disagreements.agree(name)
-            return
-        register = self.device.registers[name]
-        told, holds = decode(register, written), decode(register, held)
-        self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, the device holds {holds:g}", self.clock.now())
-        self._written.pop(name, None)
-
-    def _compare(self) -> None:
-        """Set-points against their read-back registers, heartbeat against its echo."""
-        now = self.clock.now()
-        for name, register in self.device.registers.items():
-            reading = self.readings.get(register.readback) if register.readback else None
-            if reading is None or name not in self._written or reading.at < self._written_at[name]:
-                continue
-            told = decode(register, self._written[name])
-            if abs(told - reading.value) <= register.readback_tolerance + abs(register.scale) / 2:
-                self.disagreements.agree(name)
-                continue
-            self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, reads {reading.value:g}", now)
-            self._written.pop(name)
-        echo = self.readings.get(ECHO)
-        if echo is not None:
-            self.heartbeat.echo(echo.value, echo.at)
 
     def _miss(self, error: LinkError) -> None:
         """No answer: write everything again when it is back; gone for longer than its dead-man: want it safe."""

@@ -286,7 +286,8 @@ async def test_one_cycle_reads_the_whole_map_in_one_request_per_table(server: Ra
         await laser.cycle()
     server.devices[1].requests.clear()
     await laser.cycle()
-    assert sorted(server.devices[1].requests) == [(2, 0, 1), (4, 0, 6), (6, 1, laser.client.heartbeat.value)]
+    beat = (6, 1, laser.client.heartbeat.value)  # not at every cycle
+    assert sorted(request for request in server.devices[1].requests if request != beat) == [(2, 0, 1), (4, 0, 6)]
     await link.close()
 
 

@@ -1,0 +1,74 @@
+"""What one device was told, and whether its read-backs and its heartbeat agree with that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from config.device import Device
+from drivers.interfaces import Clock
+from drivers.modbus.readback import Disagreements, Heartbeat
+from drivers.modbus.readings import Readings
+from drivers.modbus.registers import LIMITS, decode, encode
+
+HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
+
+
+class Written(Readings):
+    """Registers as they were taken by the device, against what was read from it."""
+
+    def __init__(self, device: Device, clock: Clock) -> None:
+        super().__init__(device, clock)
+        self.disagreements = Disagreements()
+        self.heartbeat = Heartbeat(int(LIMITS.get(device.registers[HEARTBEAT].type, (0, 0xFFFF))[1]), device.dead_man_s)
+        registers = device.registers
+        self.desired: dict[str, float] = {
+            name: register.safe for name, register in registers.items() if register.safe is not None and name != HEARTBEAT
+        }
+        self._write_only: set[str] = set()
+        self._proven: dict[str, list[int]] = {}  # what was read from a set-point's own table since it was written
+        self._written: dict[str, list[int]] = {}
+        self._written_at: dict[str, float] = {}
+
+    def holds(self, name: str) -> bool:
+        """Whether the device was told what is wanted and, where this can be read, holds it."""
+        register, written = self.device.registers[name], self._written.get(name)
+        if written is None or written != encode(register, self.desired[name]):
+            return False
+        if register.readback is None:
+            return name in self._write_only or self._proven.get(name) == written
+        reading = self.readings.get(register.readback)
+        is_near = reading is not None and abs(decode(register, written) - reading.value) <= register.readback_tolerance + abs(register.scale) / 2
+        return is_near and reading is not None and reading.at >= self._written_at[name]
+
+    def _urgency(self, names: Iterable[str]) -> float:
+        """Age of the oldest of the readings, in its stale limits."""
+        return max((self.age(name) / self.device.registers[name].stale_s for name in names), default=0.0)
+
+    def _judge(self, name: str, written: list[int] | None, held: list[int]) -> None:
+        if written is None or written != self._written.get(name):
+            return
+        if written == held:
+            self._proven[name] = held
+            self.disagreements.agree(name)
+            return
+        register = self.device.registers[name]
+        told, holds = decode(register, written), decode(register, held)
+        self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, the device holds {holds:g}", self.clock.now())
+        self._written.pop(name, None)
+
+    def _compare(self) -> None:
+        """Set-points against their read-back registers, heartbeat against its echo."""
+        now = self.clock.now()
+        for name, register in self.device.registers.items():
+            reading = self.readings.get(register.readback) if register.readback else None
+            if reading is None or name not in self._written or reading.at < self._written_at[name]:
+                continue
+            told = decode(register, self._written[name])
+            if abs(told - reading.value) <= register.readback_tolerance + abs(register.scale) / 2:
+                self.disagreements.agree(name)
+                continue
+            self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, reads {reading.value:g}", now)
+            self._written.pop(name)
+        echo = self.readings.get(ECHO)
+        if echo is not None:
+            self.heartbeat.echo(echo.value, echo.at)

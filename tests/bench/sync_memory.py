@@ -1,0 +1,82 @@
+"""The cell in memory at a millisecond's pace: timers between ticks, bytes taken in as they come, links with a latency of their own."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from cellctl.domain.messages import Command
+from config.base import find_facts
+from config.cell import Cell
+from planner.program import Program
+from tests.bench.sync_edges import Light
+from tests.cell.harness import CellUnderTest, shipped_cell
+
+STEP_S = 0.001
+SLOW_S = 0.02  # a device that answers later than this has stale limits of its own in its map
+SLOW_STALE_S = 0.8
+
+
+def cell_of(name: str, store: Path, *, gate: bool, slow: bool) -> Cell:
+    """A shipped cell with the laser gated in the stream or by Modbus; slow: register maps that allow for slow answers."""
+    cell = shipped_cell(name)
+    if not gate:
+        cell = cell.model_copy(update={"cnc": cell.cnc.model_copy(update={"laser_gate_output": None})})
+    if not slow:
+        return cell
+    links = {}
+    for role, link in cell.links.items():
+        text = find_facts("devices", link.device).read_text(encoding="utf-8")
+        path = store / f"{role}_slow.toml"
+        path.write_text(re.sub(r"stale_s = 0\.\d+", f"stale_s = {SLOW_STALE_S}", text), encoding="utf-8")
+        links[role] = link.model_copy(update={"device": str(path)})
+    return cell.model_copy(update={"links": links})
+
+
+class FineCell(CellUnderTest):
+    """The plant steps by a millisecond; set-points are sent when they are due, as the cell process's timer does it.
+
+    delay_s, jitter_s : of every answer of laser and feeder    hands : (progress line, act) carried out once that line executes
+    """
+
+    def __init__(self, store: Path, cell: Cell, delay_s: float, jitter_s: float) -> None:
+        super().__init__(store, cell=cell)
+        self.light = Light(cell.placement.part_origin_mm)
+        self.sim.metal = self.light
+        self.delay_s, self.jitter_s = delay_s, jitter_s
+        self._random = random.Random(5)
+
+    async def fine(self, until: Callable[[], bool], seconds: float) -> None:
+        """Let at most so many seconds go by, until something holds."""
+        per_tick = round(self.facts.limits.tick_s / STEP_S)
+        for done in range(round(seconds / STEP_S)):
+            for role in ("laser", "feeder"):
+                self.sim.wires[role].delay_s = self.delay_s + self.jitter_s * self._random.random()
+            self.sim.step(STEP_S)
+            self.clock.advance(STEP_S)
+            await self._settle()
+            self.controller.pump()
+            if done % per_tick == 0:
+                self.controller.tick()
+                if until():
+                    return
+                assert not self.latched, f"{self.latched}: {self.controller.because}"
+            elif (run := self.controller.run) is not None and (due := run.due_at()) is not None and due <= self.clock.now():
+                self.controller.act(self.clock.now())
+            await self._settle()
+            if done % (10 * per_tick) == 0:
+                self._commit()
+        raise AssertionError(f"not within {seconds:g} s: {self.state}, {self.controller.because}")
+
+    async def build(self, program: Program, act: Callable[[], None] | None = None) -> None:
+        """Run a Program to its end. act : called at every step while it runs"""
+        self.programs["job"] = program
+        task = asyncio.get_running_loop().create_task(self._ask(program))
+        await self.fine(lambda: (act() if act is not None else None) is not None or (task.done() and bool(self.outcome)), 150.0)
+        assert self.outcome == "completed", f"{self.outcome}: {self.latched} {task.result()}"
+
+    async def _ask(self, program: Program) -> object:
+        return await self.commands.handle(Command("s1", "start", "bench", "bench", {"job": "job", "name": "rows", "program": "job"}))
