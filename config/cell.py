@@ -114,7 +114,7 @@ class Cnc(Facts):
     port: str = Field(description="device path; a relative one is taken from the run directory")
     baud: int = Field(115200, ge=1200, le=4_000_000)
     line_length_max: int = Field(256, ge=40, description="characters, without newline")
-    rx_margin_bytes: int = Field(16, ge=0)
+    rx_margin_bytes: int = Field(4, ge=0, description="of the receive buffer that are never filled: some firmwares count a byte or two too many")
     answer_timeout_s: Positive = Field(5.0, description="for ok or error, beyond the time of the moves ahead of it")
     status_period_s: Positive = Field(0.1, ge=0.05, description="status query period")
     laser_gate_output: int | None = Field(None, ge=0, le=15, description="digital output (M62/M63 P) that gates the laser; none: gate by Modbus")

@@ -94,16 +94,21 @@ class FarEnd:
             self._bunch.clear()
 
     def next_at(self, now: float) -> float:
-        """When something will happen here of itself; infinity if nothing will."""
-        times = [self._out[0][0]] if self._out else []
+        """When lines will arrive or be parsed or answered here; infinity if nothing will."""
+        times = []
         if self._coming:
             first_at, data = self._coming[0]
-            times.append(first_at + max(0, data.find(b"\n")) * self._byte_s)
+            end = data.find(b"\n")
+            times.append(first_at + (end if end >= 0 else len(data) - 1) * self._byte_s)
         if self._bunch:
             times.append(self._bunch[0] + self._answers.bunch_s)
-        if b"\n" in self._ring and self._planner:
+        if self._planner and b"\n" in self._ring:
             times.append(self._planner[0])
         return max(min(times, default=float("inf")), now)
+
+    def answer_at(self) -> float:
+        """When bytes of an answer reach the host next; infinity if none is on its way."""
+        return self._out[0][0] if self._out else float("inf")
 
     def transmit(self, now: float) -> bytes:
         """Bytes that have reached the host by now."""
@@ -131,8 +136,8 @@ class FarEnd:
 
     def _urgent(self, byte: int, at: float) -> None:
         if byte == 0x3F:
-            free = BLOCKS - len(self._planner)
-            self._say(b"<%s|MPos:%s|Bf:%d,%d|FS:600,0>\r\n" % (b"Run" if self._planner else b"Idle", FIVE_AXES, free, self._rx - 1 - len(self._ring)), at)
+            free, state = BLOCKS - len(self._planner), b"Run" if self._planner else b"Idle"
+            self._say(b"<%s|MPos:%s|Bf:%d,%d|FS:600,0>\r\n" % (state, FIVE_AXES, free, self._rx - 1 - len(self._ring)), at)
         elif byte == 0x18:
             self._ring.clear()
             self._planner.clear()

@@ -84,8 +84,8 @@ class Case:
     def possible(self) -> float:
         """Share of the wire that the buffer allows: its window holds a line, the answer's way and what stands in the host's queue."""
         window = self.rx - 1 - self.facts().rx_margin_bytes
-        bunch_s = min(self.answers.bunch_s, (self.answers.bunch - 1) * 53 * self.byte_s) if self.answers.bunch > 1 else 0.0
-        waits_s = self.answers.delay_s + 0.5 * self.answers.jitter_s + bunch_s + 4 * self.answers.bunch * self.byte_s
+        waits_s = self.answers.delay_s + 0.5 * self.answers.jitter_s + (self.answers.bunch_s if self.answers.bunch > 1 else 0.0)
+        waits_s += 4 * self.byte_s
         return min(1.0, window / (53 + waits_s / self.byte_s)) if self.byte_s else 1.0
 
 
@@ -122,7 +122,7 @@ def serve(case: Case, master: int, pipe: Connection) -> None:
     poller.register(pipe.fileno(), select.POLLIN)
     os.set_blocking(master, False)
     while True:
-        ready = dict(poller.poll(1000.0 * IDLE_S if far.next_at(time.monotonic()) < math.inf else 20.0))
+        ready = dict(poller.poll(1000.0 * IDLE_S if min(far.next_at(0.0), far.answer_at()) < math.inf else 20.0))
         now = time.monotonic()
         if master in ready:
             far.arrive(os.read(master, 65536), now)
@@ -209,7 +209,7 @@ def with_bare_loop(case: Case, path: str, pipe: Connection) -> tuple[float, floa
     """The peer: a plain loop that counts characters, parses nothing and paces its writes by the same 2 ms."""
     fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     lines = FiveAxisLines(case.lines)
-    window = case.rx - 17
+    window = case.rx - 1 - case.facts().rx_margin_bytes
     pipe.send("zero")
     time.sleep(0.05)
     sizes: list[int] = []
