@@ -243,7 +243,11 @@ class Machine:
     def door(self, is_open: bool) -> None:
         """Level of the door input; opening brakes like a hold and stops the spindle."""
         self.is_door_open = is_open
-        if is_open and not self.alarm and self.suspend in (Suspend.NONE, Suspend.HOLD, Suspend.RESTORE):
+        if is_open and self.is_homing:
+            self.cut()
+            self.raise_alarm(codes.ALARM_HOMING_DOOR)
+            self._on_flush()
+        elif is_open and not self.alarm and self.suspend in (Suspend.NONE, Suspend.HOLD, Suspend.RESTORE):
             self._brake(Suspend.DOOR)
 
     def safety_door(self) -> None:

@@ -186,3 +186,15 @@ def test_devices_on_one_rtu_line_are_gone_together() -> None:
     lone = new_world()
     strike(lone, "modbus_gone feeder")
     assert [lone.wires[device].is_gone for device in ("laser", "feeder", "io")] == [False, True, False]
+
+
+def test_a_door_that_opens_ends_homing_with_its_alarm() -> None:
+    world = new_world()
+    said(world, "$J=G53 X-100 F10000")
+    world.step(2.0)
+    said(world, "$H")
+    assert world.cnc.state[0] == "Home"
+    world.open_door()
+    world.step(0.01)
+    assert "ALARM:7" in world.cnc.transmit().decode() and world.cnc.state[0] == "Alarm"
+    assert world.cnc.machine.motion.speed == 0.0

@@ -1,0 +1,1 @@
+"""The matrix of faults: what goes wrong, in which situation of the cell, and what has to hold then."""

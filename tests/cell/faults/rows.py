@@ -1,0 +1,178 @@
+"""Every fault of the matrix: how it is made and mended in a simulated cell, what the operator has to be told, how long light may stay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from config.cell import Cell
+from config.device import load_device
+
+TICK_S = 0.03
+"""From cause to laser off at the plant, beyond what is waited for on the wires."""
+IN_JOB = frozenset({"preparing", "depositing", "milling", "held", "resuming"})
+STREAMING = frozenset({"depositing", "milling"})
+MOVING = frozenset({*STREAMING, "jogging", "homing"})
+EVERYWHERE = frozenset({*IN_JOB, "jogging", "homing"})
+ACTIVE = IN_JOB - {"held"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One fault.
+
+    strike : fault texts, at once; a text that begins with "+S " comes S seconds (wire time) later. mend : the same, for the repair
+    codes : alarms of which one has to be told; words : or words of what the cell says of itself (empty: alarms alone)
+    must : situations in which it has to be told (elsewhere the cell may go on if nothing is wrong)
+    lit : signal whose bound (BOUNDS) light has to keep after the cause; "" if the cause forbids no light
+    standing : the same for light at standstill
+    is_gappy : whether lines may be missing at the machine, because it drops some and goes on
+    cnc : changes of the cell file
+    """
+
+    name: str
+    strike: tuple[str, ...]
+    mend: tuple[str, ...] = ()
+    codes: frozenset[str] = frozenset()
+    words: tuple[str, ...] = ()
+    must: frozenset[str] = frozenset()
+    lit: str = ""
+    standing: str = "request"
+    is_gappy: bool = False
+    cnc: tuple[tuple[str, object], ...] = ()
+
+
+def bound_s(signal: str, cell: Cell) -> float:
+    """How long light may stay (s, wire time): 30 ms, one request, and the stale limit of the signal that was lost.
+
+    request : its level is read, or the wire says so at once. status : told by the next status report, or by none
+    laser : nobody can reach the laser, its own dead-man turns it off. Others: the device's shortest stale limit, and the request that was waited for
+    """
+    devices = {role: load_device(link.device) for role, link in cell.links.items()}
+    request_s = max(device.timeout_s for device in devices.values())
+    if signal == "request":
+        return TICK_S + request_s
+    if signal == "report":
+        return TICK_S + request_s + cell.cnc.status_period_s
+    if signal == "status":
+        return TICK_S + request_s + cell.limits.status_stale_s
+    if signal == "laser":
+        return TICK_S + request_s + devices["laser"].dead_man_s
+    device = devices[signal]
+    stale_s = {name: register.stale_s for name, register in device.registers.items() if register.stale_s is not None}
+    chosen = {"io": ("estop_ok", "door_closed"), "feeder": ("fault_word",)}[signal]
+    return TICK_S + request_s + max(stale_s[name] for name in chosen)
+
+
+def _told(*codes: str) -> frozenset[str]:
+    return frozenset(codes)
+
+
+SILENT = _told("cnc_silent", "cnc_lost", "answer_overdue", "step_failed", "datum", "tool")
+STREAM = _told("answer_overdue", "cnc_answers", "line_rejected", "cnc_alarm")
+CNC_WORDS = ("CNC", "serial", "answer")
+
+SERIAL = (
+    Row("serial unplugged", ("serial_unplug",), ("serial_plug",), _told("cnc_lost"), CNC_WORDS, EVERYWHERE, "request"),
+    Row("serial replugged at once", ("serial_unplug", "+0.02 serial_plug"), (), _told("cnc_lost"), CNC_WORDS, EVERYWHERE, "request"),
+    Row("replugged under another name", ("serial_unplug", "+0.2 serial_plug ttyOther"), ("serial_plug",), _told("cnc_lost"), CNC_WORDS, EVERYWHERE, "request"),
+    Row("answers garbled", ("serial_garble 3",), (), STREAM, CNC_WORDS),
+    Row("reports garbled", ("serial_garble_reports 3",), (), _told("cnc_silent"), CNC_WORDS),
+    Row("lines garbled", ("serial_garble_lines",), (), STREAM | {"step_failed"}, CNC_WORDS, is_gappy=True),
+    Row("half a line to the machine", ("half_line",), (), STREAM | {"step_failed"}, CNC_WORDS, is_gappy=True),
+    Row("half an answer", ("half_answer",), (), STREAM, CNC_WORDS),
+    Row("ok lost", ("lost_ok",), (), STREAM | {"step_failed"}, CNC_WORDS),
+    Row("ok doubled", ("doubled_ok",), (), STREAM, CNC_WORDS),
+    Row("silence both ways", ("serial_silent",), ("serial_ok",), SILENT, CNC_WORDS, EVERYWHERE, "status", "status"),
+    Row("machine hears nothing", ("serial_deaf",), ("serial_ok",), SILENT, CNC_WORDS, EVERYWHERE, "status", "status"),
+    Row("machine says nothing", ("serial_mute",), ("serial_ok",), SILENT, CNC_WORDS, EVERYWHERE, "status", "status"),
+)  # fmt: skip
+GRBL = (("firmware", "grbl"),)
+CNC = (
+    Row("error at a line, latched (grblHAL)", ("reject_line 20",), (), STREAM | {"step_failed"}, CNC_WORDS, is_gappy=True),
+    Row("error at a line, goes on (grbl)", ("reject_line 20",), (), STREAM | {"step_failed"}, CNC_WORDS, is_gappy=True, cnc=GRBL),
+    Row("firmware reset", ("firmware_reset",), (), _told("cnc_reset", "cnc_alarm", "step_failed"), ("CNC",), EVERYWHERE, "report", "report"),
+    Row("alarm", ("alarm 3",), (), _told("cnc_alarm", "estop", "step_failed"), ("CNC", "lock"), EVERYWHERE, "report", "report"),
+    Row("limit hit", ("limit_hit",), (), _told("cnc_alarm", "step_failed"), ("CNC", "lock"), EVERYWHERE, "report", "report"),
+    Row("feed hold at the machine", ("feed_hold",), (), _told("step_failed"), ("feed hold at the machine",), STREAMING, "", "report"),
+    Row("cycle start at the machine", ("cycle_start",), (), _told("step_failed"), (), frozenset(), "", "report"),
+    Row("CNC without power", ("cnc_off",), ("cnc_on",), SILENT | {"cnc_reset"}, CNC_WORDS, EVERYWHERE, "status", "status"),
+)  # fmt: skip
+
+
+def _device_rows(device: str, code: str, word: str) -> tuple[Row, ...]:
+    lit = device
+    codes = _told(
+        f"{code}_silent", f"{code}_fault", "step_failed", "powder_flow", "gas_flow", "head_position", "laser_emitting"
+    )
+    words = (word,)
+
+    def row(
+        name: str, strike: str, *, must: frozenset[str] = ACTIVE, bound: str = lit, mend: str = f"modbus_ok {device}"
+    ) -> Row:
+        standing = "laser" if device == "laser" else "request"
+        return Row(f"{device} {name}", (strike,), (mend,) if mend else (), codes, words, must, bound, standing)
+
+    return (
+        row("gone, connection refused", f"modbus_gone {device}"),
+        row("silent", f"modbus_silent {device}"),
+        row("slow, 0.3 s", f"modbus_slow {device} 0.3"),
+        row("slow, 0.05 s", f"modbus_slow {device} 0.05", must=frozenset(), bound=""),
+        row("answers exceptions", f"modbus_exception {device}"),
+        row("answers the wrong count", f"modbus_wrong_count {device}"),
+        row("answers late, three times", f"modbus_stale {device} 0.15 3", must=frozenset(), bound=""),
+        row("server restarted", f"modbus_restart {device}", must=frozenset(), bound="", mend=""),
+        replace(row("without power", f"device_off {device}"), mend=(f"device_on {device}",)),
+    )
+
+
+MODBUS = (
+    *_device_rows("laser", "laser", "laser"),
+    *_device_rows("feeder", "feeder", "feeder"),
+    *_device_rows("io", "io", "I/O coupler"),
+    Row("laser reads back the wrong power", ("modbus_wrong_value laser power_setpoint_readback 1234.5",), ("modbus_ok laser",), _told("laser_fault", "step_failed"), ("laser",), frozenset({"depositing"})),
+    Row("feeder reads back the wrong rate", ("modbus_wrong_value feeder rate_setpoint_readback 33",), ("modbus_ok feeder",), _told("feeder_fault", "powder_flow", "step_failed"), ("feeder",), frozenset({"depositing"})),
+    Row("laser's power register stuck", ("modbus_stuck laser power_setpoint",), ("modbus_ok laser",), _told("laser_fault", "laser_emitting", "step_failed"), ("laser",)),
+    Row("laser's emission contact stuck", ("modbus_stuck laser emission",), ("modbus_ok laser",), _told("laser_emitting", "step_failed"), ("laser",)),
+    Row("feeder's rate register stuck", ("modbus_stuck feeder rate_setpoint",), ("modbus_ok feeder",), _told("feeder_fault", "powder_flow", "gas_flow", "step_failed"), ("feeder", "owder")),
+    Row("coupler's head output stuck", ("modbus_stuck io head_deploy",), ("modbus_ok io",), _told("step_failed", "head_position"), ("head",)),
+    Row("coupler's heartbeat stuck", ("modbus_stuck io heartbeat",), ("modbus_ok io",), _told("io_silent", "io_fault", "step_failed", "head_position"), ("I/O", "heartbeat", "head")),
+    Row("coupler's door contact stuck, door opened", ("modbus_stuck io door_closed", "+0.02 door_open"), ("modbus_ok io", "door_close"), _told("door", "laser_interlock", "cnc_alarm", "step_failed"), ("door",), STREAMING, "request"),
+)  # fmt: skip
+
+INTERLOCKS = (
+    Row("door opened", ("door_open",), ("door_close",), _told("door"), ("door",), ACTIVE | {"jogging", "homing"}, "request"),
+    Row("E-stop pressed", ("estop_press",), ("estop_release",), _told("estop"), ("emergency", "E-stop"), EVERYWHERE, "request"),
+    Row("chiller fails", ("chiller_fail",), ("chiller_ok",), _told("chiller", "laser_interlock"), ("chiller",), ACTIVE, "request"),
+    Row("gas pressure low", ("gas_low",), ("gas_ok",), _told("gas_pressure"), ("as pressure",), ACTIVE, "request"),
+    Row("fume extraction off", ("fume_fail",), ("fume_ok",), _told("fume_extraction"), ("extraction",), ACTIVE, "request"),
+    Row("door opened and closed within a tick", ("blink door",), (), _told("door", "laser_fault", "laser_interlock", "step_failed"), ("door", "laser"), frozenset({"depositing"}), "request"),
+    Row("E-stop opened and closed within a tick", ("blink estop",), (), _told("estop", "cnc_alarm", "laser_fault", "step_failed"), ("emergency", "CNC", "lock"), EVERYWHERE, "request", "report"),
+    Row("chiller opened and closed within a tick", ("blink chiller",), (), _told("chiller", "laser_fault", "laser_interlock", "step_failed"), ("laser", "chiller"), frozenset({"depositing"}), "request"),
+    Row("gas low and back within a tick", ("blink gas",), (), _told("gas_pressure", "gas_flow", "powder_flow"), ("as",)),
+    Row("extraction off and on within a tick", ("blink fume",), (), _told("fume_extraction"), ("extraction",)),
+)  # fmt: skip
+
+PROCESS = (
+    Row("laser fault", ("laser_fault 8",), (), _told("laser_fault"), ("laser",), ACTIVE, "request"),
+    Row("fibre open", ("fibre_open",), ("fibre_close",), _told("laser_interlock", "laser_fault", "step_failed"), ("laser", "fibre"), frozenset({"depositing"}), "request"),
+    Row("feeder fault", ("feeder_fault 8",), (), _told("feeder_fault"), ("feeder",), ACTIVE, "request"),
+    Row("powder empty", ("hopper_empty",), ("hopper_fill",), _told("feeder_fault", "powder_flow", "step_failed"), ("hopper", "owder"), frozenset({"depositing"}), "request"),
+    Row("powder clogged", ("feeder_clog",), ("feeder_clear",), _told("feeder_fault", "powder_flow", "step_failed"), ("clog", "owder"), frozenset({"depositing"}), "request"),
+    Row("powder late by 3 s", ("powder_late 3",), ("powder_late 0",), _told("powder_flow"), ("owder",)),
+    Row("powder late by 20 s", ("powder_late 20",), ("powder_late 0",), _told("powder_flow", "step_failed"), ("owder",)),
+    Row("machine powered off", ("power_off",), ("power_on",), SILENT | _told("laser_silent", "feeder_silent", "io_silent", "cnc_reset"), (*CNC_WORDS, "laser", "feeder", "I/O"), EVERYWHERE, "status", "status"),
+)  # fmt: skip
+
+ROWS = (*SERIAL, *CNC, *MODBUS, *INTERLOCKS, *PROCESS)
+LATER = (
+    "disk full",
+    "disk read-only",
+    "disk slow",
+    "store locked",
+    "clock stepped",
+    "cell killed with -9",
+    "web killed with -9",
+    "planner killed with -9",
+    "supervisor killed with -9",
+)
+"""Rows of the same matrix whose faults are made outside of the simulated cell."""
