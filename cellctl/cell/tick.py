@@ -7,7 +7,6 @@ import ctypes
 import os
 import struct
 import sys
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -62,21 +61,27 @@ class Beat:
         self.count = 0
         self.missed = 0
         self.scheduler = ""
-        self._jitter_s: deque[float] = deque(maxlen=WINDOW)
+        self._spacing_s = np.full(WINDOW, period_s)  # of the last beats, a ring
         self._last_at: float | None = None
 
     def struck(self, at: float, expirations: int = 1) -> None:
         """A beat at monotonic time `at` (s); more than one expiration means that beats were missed."""
-        self.count += 1
         self.missed += max(expirations - 1, 0)
         if self._last_at is not None:
-            self._jitter_s.append(abs(at - self._last_at - self.period_s))
+            self._spacing_s[self.count % WINDOW] = at - self._last_at
+        self.count += 1
         self._last_at = at
 
     @property
     def jitter_p99_ms(self) -> float:
         """99th percentile of |spacing - period| over the last beats (ms)."""
-        return float(np.percentile(np.fromiter(self._jitter_s, dtype=np.float64), 99) * 1e3) if self._jitter_s else 0.0
+        known = self._spacing_s[: max(min(self.count, WINDOW), 1)]
+        return float(np.percentile(np.abs(known - self.period_s), 99) * 1e3)
+
+    @property
+    def longest_ms(self) -> float:
+        """Longest time between two of the last beats (ms)."""
+        return float(self._spacing_s.max() * 1e3)
 
 
 class Ticker:

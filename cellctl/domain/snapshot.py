@@ -138,12 +138,13 @@ class Table(msgspec.Struct, frozen=True):
 
 
 class TickView(msgspec.Struct, frozen=True):
-    """The safety tick's own health."""
+    """The safety tick's own health. longest_ms : longest time between two of the ticks that jitter is stated over"""
 
     count: int = 0
     missed: int = 0
     jitter_p99_ms: float = 0.0
     scheduler: str = ""
+    longest_ms: float = 0.0
 
 
 class Snapshot(msgspec.Struct, frozen=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import random
 import sys
@@ -51,12 +52,17 @@ def shuttle(cell: Cell) -> Program:
     return w.program("shuttle", [1])
 
 
+class FaultedError(Exception):
+    """The cell latched a fault meanwhile."""
+
+
 class Hand:
     """Requests over REST, and the cell's state by its own socket."""
 
     def __init__(self, service: Served, client: httpx.AsyncClient) -> None:
         self.service, self.client = service, client
-        self.state = ""
+        self.state = self.because = ""
+        self.faults: list[str] = []
 
     async def watch(self) -> None:
         """Keep `state` the newest."""
@@ -66,14 +72,16 @@ class Hand:
             while True:
                 message = await read_message(reader)
                 if isinstance(message, Live):
-                    self.state = message.snapshot.state
+                    self.state, self.because = message.snapshot.state, message.snapshot.because
         finally:
             writer.close()
 
     async def until(self, *states: str) -> None:
-        """Wait for a state. Raises TimeoutError."""
+        """Wait for a state. Raises TimeoutError, FaultedError."""
         async with asyncio.timeout(CONVERSATION_S):
             while self.state not in states:
+                if self.state == "FAULT" and "STOPPED" not in states:
+                    raise FaultedError(self.because)
                 await asyncio.sleep(0.02)
 
     async def start(self, program: Path, job: str) -> None:
@@ -149,21 +157,25 @@ async def upload_for_ever(url: str, token: str) -> None:
 async def rounds(hand: Hand, program: Path, holds: int, stops: int, name: str) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
     """(asked, answered) of holds, and of stops: the job is resumed, or reset and started again, between two."""
     pause = random.Random(7)
-    held, stopped = [], []
-    for k in range(stops):
-        await hand.until("IDLE")
-        await hand.start(program, f"{name}-{k}")
-        await hand.until("RUNNING")
-        await asyncio.sleep(0.5)
-        for _ in range(holds // stops):
-            await asyncio.sleep(pause.uniform(0.1, 0.3))
-            held.append(await hand.post("hold"))
-            await hand.until("HELD")
-            await hand.post("resume")
+    held: list[tuple[float, float]] = []
+    stopped: list[tuple[float, float]] = []
+    while len(stopped) < stops:
+        with suppress(FaultedError):
+            await hand.until("IDLE")
+            await hand.start(program, f"{name}-{len(stopped)}-{len(hand.faults)}")
             await hand.until("RUNNING")
-        await asyncio.sleep(pause.uniform(0.3, 0.6))
-        stopped.append(await hand.post("stop"))
-        await hand.until("STOPPED")
+            await asyncio.sleep(0.5)
+            for _ in range(holds // stops):
+                await asyncio.sleep(pause.uniform(0.1, 0.3))
+                held.append(await hand.post("hold"))
+                await hand.until("HELD")
+                await hand.post("resume")
+                await hand.until("RUNNING")
+            await asyncio.sleep(pause.uniform(0.3, 0.6))
+            stopped.append(await hand.post("stop"))
+            await hand.until("STOPPED")
+        if hand.state == "FAULT":
+            hand.faults.append(hand.because)
         await _reset(hand)
     return held, stopped
 
@@ -172,11 +184,12 @@ async def _reset(hand: Hand) -> None:
     for _ in range(50):
         with suppress(RuntimeError):
             await hand.post("reset")
-            break
+            if hand.state in ("IDLE", "UNHOMED"):
+                break
         await asyncio.sleep(0.2)
-    await hand.until("IDLE", "UNHOMED")
     if hand.state == "UNHOMED":
         await hand.post("unlock")
+    await hand.until("IDLE")
 
 
 def arrivals(log: Path) -> list[float]:
@@ -187,7 +200,7 @@ def arrivals(log: Path) -> list[float]:
 
 def delays(asked: list[tuple[float, float]], arrived: list[float]) -> list[float]:
     """Request to byte, ms, ordered."""
-    return sorted(1e3 * (min(at for at in arrived if at >= begin) - begin) for begin, _ in asked)
+    return sorted(1e3 * (min((at for at in arrived if at >= begin), default=math.inf) - begin) for begin, _ in asked)
 
 
 async def measure(service: Served, program: Path, is_loaded: bool) -> list[tuple[str, int, float, float, float, float]]:
@@ -200,6 +213,8 @@ async def measure(service: Served, program: Path, is_loaded: bool) -> list[tuple
             held, stopped = await rounds(hand, program, HOLDS, STOPS, f"loaded-{is_loaded}")
         watching.cancel()
     arrived = arrivals(service.run / "tap.log")
+    if hand.faults:
+        print(f"faults meanwhile: {hand.faults}", file=sys.stderr)
     name = f"{CONSOLES} consoles and {len(uploads)} uploads of 200 MB" if is_loaded else "nothing else"
     rows = []
     for verb, asked in (("hold", held), ("stop", stopped)):

@@ -63,7 +63,7 @@ def run() -> list[Table]:
     """Ten kills of an idle cell under its supervisor."""
     with served() as service:
         found = asyncio.run(kills(service))
-    rows = []
+    rows: list[list[str | float]] = []
     for name, k in (("first snapshot", 0), ("wires up (CNC identified, devices read)", 1), ("CPU of the new process until then", 2)):
         values = sorted(one[k] for one in found)
         rows.append([name, values[len(values) // 2], values[-1]])

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,12 @@ class Served:
         raise LookupError("no cell process")
 
 
+def as_hardware(pid: int) -> None:
+    """The far end of a wire is a machine of its own: it does not wait for ours to have time, where that is permitted."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, pid, -15)
+
+
 def until(holds: Any, what: str, seconds: float = START_S) -> None:
     """Wait until holds() is true. Raises TimeoutError."""
     end = time.monotonic() + seconds
@@ -63,6 +69,7 @@ def start_sim(run: Path, time_scale: float = 1.0, cell: str = "trunnion_tcp") ->
     sim = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert sim.stdout is not None
     sim.stdout.readline()
+    as_hardware(sim.pid)
     return sim
 
 
@@ -76,6 +83,7 @@ def tapped(run: Path, baud: int, log: Path) -> Iterator[None]:
         command = [sys.executable, "-m", "tests.bench.serial_tap", str(run / "tap"), str(run / port[1]), str(baud)]
         tap = subprocess.Popen(command, stdout=output)
         try:
+            as_hardware(tap.pid)
             until(lambda: log.read_text().startswith("ready"), "the tap's start")
             file.write_text(file.read_text(encoding="utf-8").replace(port[0], 'port = "tap"'), encoding="utf-8")
             yield
@@ -85,32 +93,41 @@ def tapped(run: Path, baud: int, log: Path) -> Iterator[None]:
 
 
 @contextmanager
+def serve(run: Path, store: Path, sim: subprocess.Popen[str]) -> Iterator[Served]:
+    """`cellctl serve` for a simulated cell that is there, ended afterwards. A cell process that listens already is adopted."""
+    words = ["--cell", str(run / "cell.toml"), "--store", str(store), "--run", str(run)]
+    command = [sys.executable, "-m", "cellctl", "serve", *words, "--port", "0", "--stop-port", "0"]
+    service = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        address = run / "service.json"
+        until(lambda: address.exists() and address.read_text(), "the service's start")
+        url = json.loads(address.read_text())["url"]
+        token = (store / "operator.token").read_text().strip()
+        yield Served(run, store, sim, service, url, token)
+    finally:
+        service.terminate()
+        service.wait(END_S)
+
+
+@contextmanager
 def served(time_scale: float = 1.0, tap_baud: int = 0) -> Iterator[Served]:
-    """`cellctl serve` on a simulated cell, ended afterwards.  tap_baud : the CNC's wire goes through a tap, its log is run/tap.log"""
-    with tempfile.TemporaryDirectory(prefix="bench-served-") as place:
+    """A simulated cell and its service, ended afterwards.  tap_baud : the CNC's wire goes through a tap, its log is run/tap.log"""
+    with tempfile.TemporaryDirectory(prefix="bench-served-") as place, ExitStack() as ends:
         folder = Path(place)
         run = folder / "run"
         run.mkdir()
         sim = start_sim(run, time_scale)
-        tap = ExitStack()
+        ends.callback(_end, sim)
         if tap_baud:
-            tap.enter_context(tapped(run, tap_baud, run / "tap.log"))
-        words = ["--cell", str(run / "cell.toml"), "--store", str(folder / "store"), "--run", str(run)]
-        command = [sys.executable, "-m", "cellctl", "serve", *words, "--port", "0", "--stop-port", "0"]
-        service = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        try:
-            address = run / "service.json"
-            until(lambda: address.exists() and address.read_text(), "the service's start")
-            url = json.loads(address.read_text())["url"]
-            token = (folder / "store" / "operator.token").read_text().strip()
-            yield Served(run, folder / "store", sim, service, url, token)
-        finally:
-            for process in (service, sim):
-                process.terminate()
-                process.wait(END_S)
-            tap.close()
-            assert sim.stdout is not None
-            sim.stdout.close()
+            ends.enter_context(tapped(run, tap_baud, run / "tap.log"))
+        yield ends.enter_context(serve(run, folder / "store", sim))
+
+
+def _end(sim: subprocess.Popen[str]) -> None:
+    sim.terminate()
+    sim.wait(END_S)
+    if sim.stdout is not None:
+        sim.stdout.close()
 
 
 def cpu_s(pid: int) -> float:

@@ -95,6 +95,7 @@ export interface TickView {
   missed: number;
   jitter_p99_ms: number;
   scheduler: string;
+  longest_ms: number;
 }
 
 export type Vector = [number, number, number];

@@ -98,7 +98,7 @@ function Ages({ now }: { now: Snapshot }) {
       })}
       <div>
         <dt>{say.tick}</dt>
-        <dd>{say.tickText(tick.jitter_p99_ms, tick.missed, tick.scheduler)}</dd>
+        <dd>{say.tickText(tick.jitter_p99_ms, tick.longest_ms, tick.missed, tick.scheduler)}</dd>
       </div>
     </dl>
   );

@@ -156,8 +156,8 @@ export const words = {
     missing: (count: number) => `${count} not met`,
     interlocks: "Interlocks",
     tick: "Safety tick",
-    tickText: (p99: number, missed: number, scheduler: string) =>
-      `p99 ${p99.toFixed(2)} ms late, ${missed} missed${scheduler ? `, ${scheduler}` : ""}`,
+    tickText: (p99: number, longest: number, missed: number, scheduler: string) =>
+      `p99 ${p99.toFixed(2)} ms late, longest gap ${longest.toFixed(0)} ms, ${missed} missed${scheduler ? `, ${scheduler}` : ""}`,
     age: (age: string) => `${age} old`,
     never: "never read",
     gone: "not connected",
