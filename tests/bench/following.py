@@ -39,7 +39,9 @@ def timeline_of(program: Program, cell: Cell, actual: Cell | None) -> Timeline:
     limits = limits_of(cell)
     rows = program.schedule
     barriers = np.unique(rows["n"][rows["barrier"] == 1]).astype(np.int64) - 1
-    return Timeline.from_table(program.table, gate_of_lines(program), bows(program, cell), plane_of(program), limits, barriers, limits_of(actual) if actual else None)
+    told = limits_of(actual) if actual else None
+    gate, bent = gate_of_lines(program), bows(program, cell)
+    return Timeline.from_table(program.table, gate, bent, plane_of(program), limits, barriers, told)
 
 
 @dataclass
@@ -244,4 +246,4 @@ def share_of_line(program: Program, line: int, joints: np.ndarray) -> float:
     sweep = 4.0 * np.arctan(bulge)
     centre = a + (b - a) / (1.0 - np.exp(1j * sweep))
     angle = float(np.angle((p - centre) / (a - centre))) * np.sign(bulge)
-    return min(max((angle if angle > -1e-3 else angle + 2 * np.pi) / abs(sweep), 0.0), 1.0)
+    return float(min(max((angle if angle > -1e-3 else angle + 2 * np.pi) / abs(sweep), 0.0), 1.0))
