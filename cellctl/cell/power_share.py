@@ -1,39 +1,42 @@
-"""The share of the set power that keeps energy per length where the machine runs slower than the Program: override, long slow stretches."""
+"""The share of the set power that keeps energy per length: how fast the machine is where it will be, against what the Program has there."""
 
 from __future__ import annotations
 
-from collections import deque
+from cellctl.domain.sync import HORIZON_PERIODS, Follower
 
-from cellctl.domain.sync import Follower
-
-AGREE = 0.05  # reports in a row whose rates differ less tell a speed that lasts
-REPORTS = 3
+SPAN_S = 0.02  # over which the speed is taken
 LEAST = 0.1  # the least feed override that firmware has
+DEADBAND = 0.02  # of the share: a smaller change is worth no write
+WRITES_APART = 4.0  # times what a write takes: the line is there for readings too
+FULL = 0.98  # what is hardly slower than planned is as planned
 
 
 class PowerShare:
-    """Power at each place of the Program already follows the speed that is planned there; what remains is how much slower the machine is.
+    """The Program's own power already follows the speed that is planned on each line; what remains is override, and ramps within a line.
 
-    Between two status reports nobody knows the speed: a stretch slower than planned and shorter than three reports is not followed.
+    The speed is the follower's at the time when the level will have come; so a stretch slower than that and than the control's profile
+    tells is known only from the next status report on, and a change shorter than the device takes is not followed. Never above 1.
+
+    write_s : least time between two writes of the level
     """
 
-    def __init__(self, follower: Follower) -> None:
+    def __init__(self, follower: Follower, write_s: float) -> None:
         self._follower = follower
-        self._rates: deque[float] = deque(maxlen=REPORTS)
+        self._write_s = write_s
+        self._share = 1.0
+        self._changed_at = 0.0
 
-    def report(self) -> None:
-        """The follower has taken a report in."""
-        last = self._follower.last
-        if last is None or not last.is_run:
-            self._rates.clear()
-        else:
-            self._rates.append(self._follower.rate)
-
-    def share(self, override: float) -> float:
-        """0.1..1: the feed override (a share, as reported), or the lasting rate where that is clearly lower. Never above 1."""
-        rates = self._rates
-        told = min(max(override, LEAST), 1.0)
-        if len(rates) < REPORTS or max(rates) - min(rates) > AGREE * max(rates):
-            return told
-        lasting = rates[-1]
-        return told if lasting >= (1.0 - AGREE) * told else max(lasting, LEAST)
+    def at(self, now: float, effect_at: float, request_s: float) -> float:
+        """0.1..1 for a level that is sent at wire time `now` and has come at `effect_at` (s). request_s : that one write takes"""
+        follower = self._follower
+        last = follower.last
+        first, second = effect_at, effect_at + SPAN_S
+        if last is None or not last.is_run or second > last.at + HORIZON_PERIODS * follower.period_s:
+            return self._share
+        passed = follower.predicted_time(second) - follower.predicted_time(first)
+        share = passed / (SPAN_S * max(follower.rate, 1.0))
+        share = 1.0 if share > FULL else max(share, LEAST)
+        is_worth = abs(share - self._share) > DEADBAND * self._share or (share == 1.0 and self._share != 1.0)
+        if is_worth and now - self._changed_at >= max(self._write_s, WRITES_APART * request_s):
+            self._share, self._changed_at = share, now
+        return self._share

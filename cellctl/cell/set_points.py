@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -86,10 +87,12 @@ class SetPoints:
                 waits.append(now + max(wait_s, 0.0))
         return min(waits, default=None)
 
-    def switches_on_within(self, now: float, released: int, seconds: float) -> bool:
-        """Whether emission is next, and due so soon."""
+    def switches_on_at(self, now: float, released: int, within_s: float) -> float | None:
+        """Wire time (s) at which light is to begin, if switching it on is next and has to be sent so soon; else None."""
         entry = self._coming(Channel.EMISSION, released) if Channel.EMISSION in self._rows else None
-        return entry is not None and bool(entry[1]) and self._wait_s(Channel.EMISSION, *entry, now) <= seconds
+        if entry is None or not entry[1] or self._wait_s(Channel.EMISSION, *entry, now) > within_s:
+            return None
+        return self._follower.time_of_line(entry[0])
 
     def _coming(self, channel: Channel, released: int) -> tuple[int, float] | None:
         """Line index and value of the channel's next entry, if its line may execute."""
@@ -113,8 +116,6 @@ class SetPoints:
     def _wait_s(self, channel: Channel, index: int, value: float, now: float) -> float:
         """Wire seconds until the entry has to be sent; infinite while the machine does not move."""
         follower = self._follower
-        if follower.last is None or not follower.last.is_run or follower.rate <= 1e-3:
-            return float("inf")
-        lead_s = self._leads.of(channel, value, follower.rate)
-        ahead_s = float(self._timeline.time_start_s[index]) - follower.predicted_time(now + lead_s)
-        return ahead_s / follower.rate
+        if follower.last is None or not follower.last.is_run:
+            return math.inf
+        return follower.time_of_line(index) - self._leads.of(channel, value, follower.rate) - now
