@@ -11,7 +11,6 @@ class ByHand(Facts):
     """Jogging, control of the cell, and the confirmation of the table."""
 
     jog_repeat_s: Positive = Field(0.25, le=1.0, description="a continuous jog whose button is not told held for so long ends")
-    door_open_feed_mm_min: NotNegative = Field(0.0, le=2000.0, description="feed of a jog with the door open, for rotary axes in deg/min; 0: none")
     suspect_feed_mm_min: Positive = Field(1000.0, description="feed of a jog before homing or confirming the position, for rotary axes in deg/min")
     control_absent_s: Positive = Field(15.0, description="who has control and is not heard for so long counts as absent")
     table_confirmed_s: Positive = Field(900.0, description="so long it counts that a person found the table clear")

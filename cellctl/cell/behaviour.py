@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from cellctl.cell.modes import SAFE
 from cellctl.cell.reacting import shut_powder_in_time
 from cellctl.cell.transaction import Step, Transaction
+from cellctl.cell.way_back import advance_way_back
 from cellctl.domain.states import State, Trigger
 from drivers.cell_wires import CellDrivers
 
@@ -164,6 +165,7 @@ def _latched(cell: Controller, drivers: CellDrivers, now: float) -> None:
     if quiesce.is_clear and cell.run is None:
         drivers.cnc.unload()
     cell.retract.advance(now)
+    advance_way_back(cell, now)
 
 
 def _resetting(cell: Controller, drivers: CellDrivers, now: float) -> None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import structlog
 
+from cellctl.cell.by_hand import ByHand
 from cellctl.cell.controller import Controller
-from cellctl.cell.preconditions import Refused, check_cnc, check_devices, check_program, still_there
+from cellctl.cell.preconditions import check_cnc, check_devices, check_program, still_there
 from cellctl.cell.record import END, RUN, StoreError
+from cellctl.cell.refusal import READINESS, Refused
 from cellctl.cell.resetting import reset_steps
 from cellctl.cell.stream import Run
 from cellctl.cell.transaction import Transaction
@@ -26,6 +28,8 @@ from planner.program import Program
 
 S, T = State, Trigger
 log = structlog.get_logger()
+PASSING = frozenset({"present", "jog_keep", "jog_end"})
+"""Signs of life: nothing to be written down, and nothing to be done once only."""
 ReadProgram = Callable[[Path], Awaitable[tuple[Program, str]]]
 
 
@@ -37,7 +41,7 @@ class Commands:
         self._read_program = read_program
         self._replies: dict[str, Reply] = {k: msgspec.convert(v, Reply) for k, v in controller.found.replies.items()}
         self._under_way: dict[str, asyncio.Future[Reply]] = {}
-        self._task: asyncio.Task[None] | None = None
+        self._hands = ByHand(controller)
         self._starting = ""  # job whose start is under way
         self._stops = 0
         self._verbs: dict[str, Callable[[Command], Awaitable[dict[str, Any]]]] = {
@@ -49,12 +53,21 @@ class Commands:
             "reset": self._reset,
             "home": self._home,
             "unlock": self._unlock,
+            "confirm_position": self._confirm_position,
             "jog": self._jog,
+            "jog_keep": self._jog_keep,
+            "jog_end": self._jog_end,
             "record": self._record,
+            "take_control": self._take_control,
+            "release_control": self._release_control,
+            "present": self._present,
         }
+        controller.control.on_taken = self._hands.end_jog
 
     async def handle(self, command: Command) -> Reply:
         """Carry out, make durable, answer. A repeated id gets the first answer."""
+        if command.verb in PASSING:
+            return await self._pass(command)
         known = self._replies.get(command.id)
         if known is not None:
             return known
@@ -73,6 +86,13 @@ class Commands:
                 future.cancel()
         return reply
 
+    async def _pass(self, command: Command) -> Reply:
+        try:
+            self._c.control.admit(command)
+            return Reply(command.id, True, data=await self._verbs[command.verb](command))
+        except (Refused, DriverError) as error:
+            return Reply(command.id, False, error.message, error.hint, kind=getattr(error, "kind", ""))
+
     async def _answer(self, command: Command) -> Reply:
         verb = self._verbs.get(command.verb)
         if verb is None:
@@ -80,10 +100,14 @@ class Commands:
         if not command.id:
             return Reply("", False, f"{command.verb}: the command has no id", "give every command an id of its own")
         try:
+            self._c.control.admit(command)
             reply = Reply(command.id, True, data=await verb(command))
         except WrongStateError as error:
-            reply = Reply(command.id, False, str(error), HINTS.get(error.trigger, ""))
-        except (Refused, DriverError, PlannerError, StoreError) as error:
+            kind = READINESS if error.trigger is T.START else ""
+            reply = Reply(command.id, False, str(error), HINTS.get(error.trigger, ""), kind=kind)
+        except Refused as error:
+            reply = Reply(command.id, False, error.message, error.hint, kind=error.kind)
+        except (DriverError, PlannerError, StoreError) as error:
             reply = Reply(command.id, False, error.message, error.hint)
         except Exception as error:
             log.exception("command failed", verb=command.verb)
@@ -104,12 +128,12 @@ class Commands:
     async def _note(self, command: Command, reply: Reply) -> None:
         said = f"{command.who}: {command.verb}" + (f", because {command.because}" if command.because else "")
         text = said if reply.ok else f"{said}; refused: {reply.error}"
-        data = {"id": command.id, "verb": command.verb, "who": command.who, "because": command.because}
+        data = {"id": command.id, "verb": command.verb, "who": command.who, "client": command.client, "because": command.because}
         self._c.event("command", text, {**data, "reply": msgspec.to_builtins(reply)})
 
     def _drivers(self) -> CellDrivers:
         if self._c.drivers is None or not self._c.is_cnc_alive:
-            raise Refused(f"the cell is offline: {self._c.offline_line}", "connect the device that is named")
+            raise Refused(f"the cell is offline: {self._c.offline_line}", "connect the device that is named", READINESS)
         return self._c.drivers
 
     # -- the job -------------------------------------------------------------------------------------------------------
@@ -124,6 +148,8 @@ class Commands:
             raise Refused(f"job {job} was started before", "submit it again as a new job")
         if self._starting:
             raise Refused(f"start: job {self._starting} is being started", "one job at a time")
+        c.position.check()
+        self._check_table(command)
         self._starting = job
         try:
             return await self._start_job(command, job, name, directory)
@@ -137,6 +163,7 @@ class Commands:
         check_devices(drivers)
         check_cnc(drivers)
         check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
+        self._check_table(command)
         self._check_start(stops)
         c.found.jobs.add(job)
         row = (job, name, directory, digest, c.times.unix(), len(program.lines), command.who, command.id)
@@ -154,6 +181,12 @@ class Commands:
         c.event("job", f"{name}: started by {command.who}", {"outcome": "", "total_lines": run.total})
         return {"job": job, "total_lines": run.total}
 
+    def _check_table(self, command: Command) -> None:
+        """Raises Refused when a confirmation that the table is clear counts no more."""
+        confirmed_at = command.args.get("confirmed_at")
+        if isinstance(confirmed_at, (int, float)):
+            self._c.table.check(float(confirmed_at))
+
     def _check_start(self, stops: int) -> None:
         """Raises unless the cell may still start: what was awaited took time."""
         after(self._c.state, T.START)
@@ -168,7 +201,7 @@ class Commands:
             lead = c.lead_s
             c.hand.lock(command.because)
             if c.state is S.JOGGING:
-                drivers.cnc.jog_cancel()
+                self._hands.end_jog(command.because or "held")
             elif c.state is S.PREPARING:
                 drivers.feeder.set_rate(0.0)
                 if c.run is not None:
@@ -204,8 +237,8 @@ class Commands:
         """Everything off at once, in any state."""
         c = self._c
         self._stops += 1
-        if self._task is not None:
-            self._task.cancel()
+        c.table.disturb("a stop was pressed")
+        self._hands.stop()
         if c.drivers is not None:
             c.hand.lock(because)
             c.drivers.laser.safe()
@@ -227,6 +260,8 @@ class Commands:
         after(c.state, T.RESET)
         if c.quiesce_pending:
             raise Refused("cannot reset: the machine is still coming to rest", "try again in a second")
+        if c.way_back is not None:
+            raise Refused(f"cannot reset: {c.way_back.waiting}", "try again in a few seconds")
         for code in [*c.alarms, "estop"]:
             why = still_there(code, c)
             if why:
@@ -254,81 +289,50 @@ class Commands:
     # -- by hand -------------------------------------------------------------------------------------------------------
 
     async def _home(self, command: Command) -> dict[str, Any]:
-        c = self._c
-        if not is_reached(c.state, T.HOME):
-            after(c.state, T.HOME)
-            drivers = self._drivers()
-            check_devices(drivers, for_job=False)
-            self._lock_out(drivers, "homing")
-            c.go(T.HOME, command.because or "homing")
-            self._spawn(self._while(drivers.cnc.home(), T.HOMED, "homed"))
-        return {"state": c.state.value}
+        if not is_reached(self._c.state, T.HOME):
+            after(self._c.state, T.HOME)
+            self._hands.home(command, self._drivers())
+        return {"state": self._c.state.value}
 
     async def _unlock(self, command: Command) -> dict[str, Any]:
-        c = self._c
-        if not is_reached(c.state, T.UNLOCK):
-            after(c.state, T.UNLOCK)
-            await self._drivers().cnc.unlock()
-            c.go(T.UNLOCK, command.because or "unlocked without homing")
-        return {"state": c.state.value}
+        if not is_reached(self._c.state, T.UNLOCK):
+            after(self._c.state, T.UNLOCK)
+            await self._hands.unlock(command, self._drivers())
+        return {"state": self._c.state.value}
+
+    async def _confirm_position(self, command: Command) -> dict[str, Any]:
+        self._hands.confirm_position(command)
+        return {"state": self._c.state.value}
 
     async def _jog(self, command: Command) -> dict[str, Any]:
-        c, args = self._c, command.args
-        axis, distance, feed = str(args.get("axis", "")), args.get("distance"), args.get("feed")
-        if not isinstance(distance, (int, float)) or not isinstance(feed, (int, float)) or axis not in c.cell.letters:
-            raise Refused(
-                f"jog: axis ({', '.join(c.cell.letters)}), distance and feed are needed",
-                "distance in mm or deg, feed per minute",
-            )
-        after(c.state, T.JOG)
-        drivers = self._drivers()
-        check_devices(drivers, for_job=False)
-        facts, status = c.cell.axis(axis), drivers.cnc.status
-        target = (status.machine.get(axis, 0.0) if status else 0.0) + float(distance)
-        if not facts.min <= target <= facts.max or not 0 < feed <= facts.max_velocity * 60:
-            raise Refused(
-                f"jog {axis} to {target:.3f} at {feed:g}/min is outside {facts.min:g} to {facts.max:g} or above {facts.max_velocity * 60:g}/min",
-                "jog less far or slower",
-            )
-        self._lock_out(drivers, "jogging")
-        c.jog_sent_at = None
-        c.go(T.JOG, command.because or f"jog {axis} {distance:+g}")
-        self._spawn(self._while(self._jog_task(drivers, axis, float(distance), float(feed)), None, ""))
-        return {"state": c.state.value}
+        jog = self._hands.start_jog(command, self._drivers())
+        return {"state": self._c.state.value, "repeat_s": self._c.cell.by_hand.jog_repeat_s if jog.is_continuous else 0.0}
 
-    async def _jog_task(self, drivers: CellDrivers, axis: str, distance: float, feed: float) -> None:
-        await drivers.cnc.jog(axis, distance, feed)
-        self._c.jog_sent_at = self._c.times.wire.now()
+    async def _jog_keep(self, command: Command) -> dict[str, Any]:
+        return {"state": self._c.state.value, "is_jogging": self._hands.keep()}
+
+    async def _jog_end(self, command: Command) -> dict[str, Any]:
+        self._hands.end_jog("let go")
+        return {"state": self._c.state.value}
+
+    # -- control -------------------------------------------------------------------------------------------------------
+
+    async def _take_control(self, command: Command) -> dict[str, Any]:
+        taken = self._c.control.take(command)
+        return {"state": self._c.state.value, "holder": self._c.control.name, "taken_over": taken}
+
+    async def _release_control(self, command: Command) -> dict[str, Any]:
+        self._c.control.release(command)
+        return {"state": self._c.state.value}
+
+    async def _present(self, command: Command) -> dict[str, Any]:
+        return {"state": self._c.state.value}
 
     async def _record(self, command: Command) -> dict[str, Any]:
         c = self._c
         view = c.job_view() if c.run is not None else c.ended.view if c.ended else None
         return {"job": msgspec.to_builtins(view), "lines": msgspec.to_builtins(c.lines())}
 
-    def _lock_out(self, drivers: CellDrivers, why: str) -> None:
-        self._c.hand.lock(why)
-        drivers.laser.safe()
-
-    async def _while(self, work: Coroutine[Any, Any, None], done: Trigger | None, because: str) -> None:
-        """Work of the CNC that takes its time; its end, or its failure, changes the state."""
-        c = self._c
-        try:
-            await work
-            if done is not None and c.state in (S.HOMING, S.JOGGING):
-                c.go(done, because)
-        except DriverError as error:
-            if c.state in (S.HOMING, S.JOGGING):
-                c.fault("step_failed", error.message, error.hint)
-        except Exception as error:
-            log.exception("work of the CNC failed", state=c.state.value)
-            self._failed(c.state.value, error)
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        self._task = asyncio.get_running_loop().create_task(work)
-
     async def close(self) -> None:
         """End work under way."""
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
-            self._task = None
+        await self._hands.close()

@@ -115,6 +115,7 @@ class Connection:
         identity = await c.drivers.cnc.identify()
         c.drivers.cnc.query_status()
         c.is_cnc_alive = True
+        c.position.connected()
         c.cnc_line = ""
         self._on_cnc(c.drivers.cnc)
         text = f"{identity.firmware} {identity.version}, axes {''.join(identity.letters)}, {identity.rx_bytes} bytes of receive buffer"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cellctl.cell.behaviour import STEPS
+from cellctl.cell.control import ControlToken
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import Modes
 from cellctl.cell.quiesce import Quiesce
@@ -15,8 +16,10 @@ from cellctl.cell.record import END, PROGRESS, SAMPLE, Found, Journal, Sample
 from cellctl.cell.retract import Retract
 from cellctl.cell.safety import Senses, Situation, Told
 from cellctl.cell.stream import Run
+from cellctl.cell.surroundings import Position, TableWatch
 from cellctl.cell.tip import TipFinder
-from cellctl.cell.transaction import StepFailedError, Transaction
+from cellctl.cell.transaction import Rollback, StepFailedError, Transaction
+from cellctl.cell.way_back import begin_way_back
 from cellctl.cell.whereabouts import note
 from cellctl.domain.causes import cause_of_alarm
 from cellctl.domain.interlocks import may_emit, why_not
@@ -84,6 +87,10 @@ class Controller:
         self.is_cnc_alive = False
         self.last_tick_at = times.wire.now()
         self.jog_sent_at: float | None = None
+        self.control = ControlToken(cell.by_hand, times.unix, self.event, self.found.last.get("control"))
+        self.table = TableWatch(cell.by_hand, times.unix)
+        self.position = Position(self.event, self.found.last.get("position"))
+        self.way_back: Rollback | None = None  # of a guarded sequence that a fault broke off
         self.retract = Retract(self)
         self.powder_until: float | None = None  # wire time at which powder that a reaction let flow on is shut
         self._layer = -1
@@ -134,6 +141,8 @@ class Controller:
         target = after(self.state, trigger)
         if target is self.state:
             return
+        if target is S.FAULT:
+            begin_way_back(self, because)
         self.state, self.because = target, because
         self.transaction = None
         data = {"state": target.value, "trigger": trigger.value, "because": because}
@@ -184,6 +193,7 @@ class Controller:
         if self.drivers is None:
             return
         self.pump()
+        self.table.watch(self.drivers, self.run is not None)
         try:
             self._watch(now)
             STEPS[self.state](self, self.drivers, now)
@@ -265,6 +275,7 @@ class Controller:
         has_job = self.run is not None and not self.quiesce_pending  # also behind a fault that can be reset
         busy = has_job or self.state in IN_JOB or self.state in (S.HOMING, S.JOGGING)
         if isinstance(event, StatusReport):
+            self.position.report(event.status)
             if self.run is not None:
                 self.run.report(event.status)
         elif isinstance(event, LineAccepted):
@@ -282,8 +293,11 @@ class Controller:
             self.fault("answer_overdue", f"N{event.n} after {event.waited_s:.1f} s {event.garbled}".strip())
         elif isinstance(event, ProtocolFault) and has_job and self.drivers and self.drivers.cnc.is_halted:
             self.fault("cnc_answers", event.text)
-        elif isinstance(event, Welcome) and not event.expected and busy:
-            self.fault("cnc_reset", event.banner)
+        elif isinstance(event, Welcome) and not event.expected:
+            if self.state is not S.OFFLINE:
+                self.position.suspect("the CNC restarted by itself")
+            if busy:
+                self.fault("cnc_reset", event.banner)
         elif isinstance(event, Message):
             self.event("cnc", event.text)
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+from cellctl.cell.cnc_checks import STATUS_TIMEOUT_S, CncChecks
 from cellctl.cell.transaction import Step
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
-from drivers.cnc.protocol import FULL_STATUS
 from drivers.interfaces import Clock
+from drivers.modbus.device import DeviceClient
 
 SAFE, DEPOSIT, MILL = 0, 1, 2
 HEAD_TIMEOUT_S = 10.0  # a slide takes a second or two
 LASER_TIMEOUT_S = 2.0
 GAS_TIMEOUT_S = 5.0
-STATUS_TIMEOUT_S = 5.0  # firmware repeats WCO and T every 10 to 30 reports
 GAS_TOLERANCE = 0.15  # relative; gas only has to flow
 NO_POWDER_G_MIN = 0.2  # a feeder's read-back at rest
-OFFSET_TOLERANCE = 2e-3  # mm or deg; firmware prints three decimals
+NO_GAS_L_MIN = 0.3  # a flow meter at rest
 
 
 class Laserproof(Protocol):
@@ -39,6 +39,7 @@ class Modes:
         self._clock = clock
         self._hand = hand
         self._is_dusty = False  # powder has flowed since the last purge
+        self._cnc = CncChecks(cell, drivers, clock)
 
     def steps(self, mode: int, tool: int | None, offset: dict[str, float]) -> list[Step]:
         """Steps of MODE 0, 1 or 2. tool : what has to be in the spindle (None: not checked); offset : G54 of the Program."""
@@ -47,20 +48,23 @@ class Modes:
         return self.dark("milling" if mode == MILL else "the end")
 
     def deposit(self, tool: int | None, offset: dict[str, float]) -> list[Step]:
-        """Tool and datum checked, head deployed and confirmed, laser enabled with the permit still off."""
+        """Spindle stands, tool and datum checked, no cutter in the way, head deployed, laser enabled with the permit still off."""
         io, laser = self._d.io, self._d.laser
         ready = lambda: laser.is_enabled and not laser.faults and not laser.interlocks and laser.age_s < LASER_TIMEOUT_S  # noqa: E731
         return [
-            *([self._tool(tool)] if tool is not None else []),
-            self._datum(offset),
+            self._cnc.spindle_stands(),
+            self._cnc.tool(tool) if tool is not None else self._cnc.no_cutter(),
+            self._cnc.datum(offset),
             Step(
                 "deploying the deposition head",
                 lambda: io.head_deployed and not io.head_parked,
                 HEAD_TIMEOUT_S,
                 act=self._once(lambda: self._hand.lock("the head is moving"), io.deploy_head),
                 age_s=lambda: io.age_s,
-                detail=lambda: f"deployed={io.head_deployed}, parked={io.head_parked}",
+                detail=self._slide,
                 remedy="look at the head's slide and its end switches, then reset",
+                undo=(self.park(),),
+                moves=True,
             ),
             Step(
                 "enabling the laser",
@@ -70,35 +74,34 @@ class Modes:
                 age_s=lambda: laser.age_s,
                 detail=lambda: "; ".join([*laser.faults, *laser.interlocks]) or "not ready",
                 remedy="look at the laser's panel, then reset",
+                undo=(self.laser_off("the way back"),),
             ),
+        ]
+
+    def cutting(self, tool: int | None, offset: dict[str, float], rpm: float) -> list[Step]:
+        """Before the first cut behind a tool change: laser dark, head out of the way, tool, datum, and the spindle at its speed."""
+        io = self._d.io
+        parked = Step(
+            "checking that the deposition head is parked",
+            lambda: io.head_parked and not io.head_deployed,
+            STATUS_TIMEOUT_S,
+            age_s=lambda: io.age_s,
+            code="head_position",
+            detail=self._slide,
+        )
+        return [
+            self.laser_off("the cut"),
+            parked,
+            *([self._cnc.tool(tool)] if tool is not None else []),
+            self._cnc.datum(offset),
+            self._cnc.spindle_turns(rpm),
         ]
 
     def dark(self, purpose: str) -> list[Step]:
         """Laser locked out and read back, powder shut and purged, head parked and confirmed."""
-        io, laser, feeder, limits = self._d.io, self._d.laser, self._d.feeder, self._cell.limits
+        feeder, limits = self._d.feeder, self._cell.limits
         self._is_dusty |= feeder.rate_setpoint_g_min > 0 or not feeder.rate_readback_g_min <= NO_POWDER_G_MIN
-        steps = [
-            Step(
-                f"switching the laser off for {purpose}",
-                lambda: (
-                    not laser.is_emitting and laser.power_readback_w < limits.emission_off_w and not laser.is_enabled
-                ),
-                LASER_TIMEOUT_S,
-                act=self._once(lambda: self._hand.lock(f"laser locked out for {purpose}"), lambda: laser.enable(False)),
-                age_s=lambda: laser.age_s,
-                code="laser_emitting",
-                detail=lambda: f"{laser.power_readback_w:.0f} W read back",
-            ),
-            Step(
-                "waiting for powder to stop",
-                lambda: feeder.rate_readback_g_min <= NO_POWDER_G_MIN,
-                limits.powder_settle_timeout_s,
-                act=lambda: feeder.set_rate(0.0),
-                age_s=lambda: feeder.age_s,
-                detail=lambda: f"{feeder.rate_readback_g_min:.1f} g/min read back",
-                remedy="look at the feeder, then reset",
-            ),
-        ]
+        steps = [self.laser_off(purpose), self.powder_off()]
         if self._is_dusty and limits.purge_s > 0:
             until = [0.0]
             steps.append(
@@ -107,22 +110,89 @@ class Modes:
                     lambda: self._clock.now() >= until[0],
                     limits.purge_s + 1.0,
                     act=lambda: until.__setitem__(0, self._clock.now() + limits.purge_s),
+                    undo=(self.gas_off(),),
                 )
             )
-        steps.append(
-            Step(
-                "parking the deposition head",
-                lambda: io.head_parked and not io.head_deployed,
-                HEAD_TIMEOUT_S,
-                act=self._once(
-                    self._purged, io.park_head, lambda: feeder.set_carrier_gas(0.0), lambda: feeder.set_shield_gas(0.0)
-                ),
-                age_s=lambda: io.age_s,
-                detail=lambda: f"deployed={io.head_deployed}, parked={io.head_parked}",
-                remedy="look at the head's slide and its end switches, then reset",
-            )
+        gas = self._once(self._purged, lambda: feeder.set_carrier_gas(0.0), lambda: feeder.set_shield_gas(0.0))
+        return [*steps, self.park(then=gas)]
+
+    def back(self) -> list[Step]:
+        """What every way back begins with: a dark laser, and no powder."""
+        return [self.laser_off("the way back"), self.powder_off()]
+
+    # -- single changes to the safe side -------------------------------------------------------------------------------
+
+    def laser_off(self, purpose: str) -> Step:
+        """Permit, enable and power off, each as the laser itself tells it."""
+        laser, limits = self._d.laser, self._cell.limits
+
+        def is_off() -> bool:
+            is_dark = not laser.is_emitting and laser.power_readback_w < limits.emission_off_w
+            return is_dark and not laser.is_enabled and not laser.is_permitted and self._is_told(laser.client)
+
+        return Step(
+            f"switching the laser off for {purpose}",
+            is_off,
+            LASER_TIMEOUT_S,
+            act=self._once(lambda: self._hand.lock(f"laser locked out for {purpose}"), lambda: laser.enable(False)),
+            age_s=lambda: laser.age_s,
+            code="laser_emitting",
+            detail=lambda: f"{laser.power_readback_w:.0f} W read back",
         )
-        return steps
+
+    def powder_off(self) -> Step:
+        """No powder at the feeder, by its read-back."""
+        feeder = self._d.feeder
+        return Step(
+            "waiting for powder to stop",
+            lambda: feeder.rate_readback_g_min <= NO_POWDER_G_MIN,
+            self._cell.limits.powder_settle_timeout_s,
+            act=lambda: feeder.set_rate(0.0),
+            age_s=lambda: feeder.age_s,
+            detail=lambda: f"{feeder.rate_readback_g_min:.1f} g/min read back",
+            remedy="look at the feeder, then reset",
+        )
+
+    def gas_off(self) -> Step:
+        """Carrier and shield gas shut, by their read-backs."""
+        feeder = self._d.feeder
+        return Step(
+            "shutting the gas",
+            lambda: max(feeder.carrier_gas_readback_l_min, feeder.shield_gas_readback_l_min) <= NO_GAS_L_MIN,
+            GAS_TIMEOUT_S,
+            act=self._once(lambda: feeder.set_carrier_gas(0.0), lambda: feeder.set_shield_gas(0.0)),
+            age_s=lambda: feeder.age_s,
+            code="gas_flow",
+            detail=lambda: f"{feeder.carrier_gas_readback_l_min:.1f} and {feeder.shield_gas_readback_l_min:.1f} L/min read back",
+        )
+
+    def park(self, then: Callable[[], None] | None = None) -> Step:
+        """The deposition head out of the way, confirmed. then : commanded with it"""
+        io = self._d.io
+        return Step(
+            "parking the deposition head",
+            lambda: io.head_parked and not io.head_deployed,
+            HEAD_TIMEOUT_S,
+            act=self._once(io.park_head, *([then] if then else [])),
+            age_s=lambda: io.age_s,
+            detail=self._slide,
+            remedy="look at the head's slide and its end switches, then reset",
+            undo=(self.gas_off(),) if then else (),
+            moves=True,
+        )
+
+    def by_hand(self, purpose: str, *, parks: bool) -> list[Step]:
+        """Before a person moves the machine: laser locked out and read back, no powder, spindle at rest, head out of the way."""
+        steps = [self.laser_off(purpose), self.powder_off(), self._cnc.spindle_stands()]
+        return [*steps, self.park()] if parks else steps
+
+    def _slide(self) -> str:
+        return f"deployed={self._d.io.head_deployed}, parked={self._d.io.head_parked}"
+
+    @staticmethod
+    def _is_told(client: DeviceClient) -> bool:
+        """Whether the device has taken, and where it can be read back holds, what switches it off."""
+        return all(client.holds(name) for name in ("enable", "emission_permit"))
 
     def powder(self, g_min: float) -> list[Step]:
         """Set the rate and wait until its read-back is steady.
@@ -142,6 +212,7 @@ class Modes:
             detail=lambda: (
                 f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s"
             ),
+            undo=(self.powder_off(),),
         )
         gone = Step(
             "waiting for the powder in the hose",
@@ -169,36 +240,7 @@ class Modes:
             age_s=lambda: feeder.age_s,
             code="gas_flow",
             detail=lambda: f"{read():.1f} L/min read back",
-        )
-
-    def _tool(self, number: int) -> Step:
-        def mounted() -> int | None:
-            return self._d.cnc.status.tool if self._d.cnc.status else None
-
-        return Step(
-            f"checking that tool {number} is mounted",
-            lambda: mounted() == number,
-            STATUS_TIMEOUT_S,
-            code="tool",
-            detail=lambda: f"the CNC reports T{mounted()}",
-        )
-
-    def _datum(self, offset: dict[str, float]) -> Step:
-        cnc = self._d.cnc
-
-        def ask() -> None:
-            if cnc.identity is not None and cnc.identity.firmware == "grblhal":
-                cnc.urge(FULL_STATUS)  # with the offset; others repeat it every 10 to 30 reports
-
-        return Step(
-            "checking the work offset",
-            lambda: not offset_differs(self._d.cnc.status.wco if self._d.cnc.status else {}, offset),
-            STATUS_TIMEOUT_S,
-            act=ask,
-            age_s=lambda: self._clock.now() - cnc.status.at if cnc.status else STATUS_TIMEOUT_S,
-            must_last_s=0.03,  # a report that was asked for before may still come first
-            code="datum",
-            detail=lambda: offset_differs(self._d.cnc.status.wco if self._d.cnc.status else {}, offset),
+            undo=(self.gas_off(),),
         )
 
     def _powdered(self) -> None:
@@ -214,15 +256,3 @@ class Modes:
                 one()
 
         return act
-
-
-def offset_differs(held: dict[str, float], wanted: dict[str, float]) -> str:
-    """Where the controller's offset is not the Program's, in words; empty when they agree."""
-    if not held:
-        return "the CNC has not told its work offset"
-    wrong = [
-        f"{letter} is {held.get(letter, float('nan')):.3f}, the program needs {value:.3f}"
-        for letter, value in wanted.items()
-        if not abs(held.get(letter, float("nan")) - value) <= OFFSET_TOLERANCE
-    ]
-    return "; ".join(wrong)

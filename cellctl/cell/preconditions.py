@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cellctl.cell.modes import offset_differs
+from cellctl.cell.cnc_checks import offset_differs
+from cellctl.cell.refusal import READINESS, Refused
 from cellctl.domain.interlocks import Signal, unsafe_interlocks
 from cellctl.domain.reactions import INTERLOCK_CAUSE, REACTIONS
 from config.cell import Cell
@@ -16,15 +17,6 @@ from planner.program import Channel, Program
 
 if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
-
-
-class Refused(Exception):
-    """A command that cannot be carried out; nothing was changed."""
-
-    def __init__(self, message: str, hint: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.hint = hint
 
 
 BOUNDS = {
@@ -74,6 +66,7 @@ def check_cnc(drivers: CellDrivers) -> None:
         raise Refused(
             f"the CNC is {status.state if status else 'silent'}, not Idle",
             "wait until it stands, home it if it is locked",
+            READINESS,
         )
 
 
@@ -82,16 +75,17 @@ def check_devices(drivers: CellDrivers, *, for_job: bool = True) -> None:
     levels = {name: signal_of(drivers.io.client, name) for name in INTERLOCK_CAUSE}
     for name, why in unsafe_interlocks(levels):
         if for_job or name in ("estop_ok", "door_closed"):
-            raise Refused(why, REACTIONS[INTERLOCK_CAUSE[name]].remedy)
+            raise Refused(why, REACTIONS[INTERLOCK_CAUSE[name]].remedy, READINESS)
     if not for_job:
         return
     for name, device in (("laser", drivers.laser), ("powder feeder", drivers.feeder)):
         if device.client.is_stale("fault_word"):
-            raise Refused(f"the {name} does not answer", "look at its power and cable")
+            raise Refused(f"the {name} does not answer", "look at its power and cable", READINESS)
         if device.faults:
             raise Refused(
                 f"the {name} reports: {'; '.join(device.faults)}",
                 "remove the cause at the device; `reset` clears what it has latched",
+                READINESS,
             )
 
 

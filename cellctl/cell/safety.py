@@ -215,6 +215,7 @@ class Senses:
             now.state is not State.RUNNING
             or now.tool is None
             or status is None
+            or status.is_idle
             or not status.tool
             or status.tool == now.tool
         ):

@@ -41,6 +41,9 @@ def snapshot(c: Controller, seq: int, beat: Beat) -> Snapshot:
         permissives=c.permissives,
         alarms=_alarms(c),
         tick=TickView(beat.count, beat.missed, round(beat.jitter_p99_ms, 3), beat.scheduler),
+        control=c.control.view,
+        table=c.table.view,
+        position=c.position.why,
     )
 
 
@@ -49,6 +52,8 @@ def _waiting(c: Controller) -> str:
         return c.transaction.waiting
     if c.run is not None and c.run.transaction is not None:
         return c.run.transaction.waiting
+    if c.way_back is not None:
+        return c.way_back.waiting
     return c.offline_line if c.state is State.OFFLINE else ""
 
 

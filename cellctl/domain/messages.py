@@ -19,10 +19,12 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Command(msgspec.Struct, frozen=True, tag=True):
-    """A verb that names the end state: start hold resume abort stop reset home unlock jog record.
+    """A verb that names the end state: start hold resume abort stop reset home unlock confirm_position jog record, and take_control
+    release_control; jog_keep, jog_end and present are not written down.
 
     id : chosen by the sender; the same id is carried out once
-    args : start: {job, name, program (directory)}; jog: {axis, distance, feed}
+    args : start: {job, name, program (directory), confirmed_at (Unix time, s; left out: nobody is asked about the table)};
+    jog: {axis, distance, feed}, or {axis, distance (its sign counts), feed, continuous} to be kept up by jog_keep
     client : which console, program or service of that person sends it; "": not told
     """
 
@@ -35,13 +37,17 @@ class Command(msgspec.Struct, frozen=True, tag=True):
 
 
 class Reply(msgspec.Struct, frozen=True, tag=True):
-    """Answer to the Command of the same id. ok: accepted and durable. Otherwise error is one line, hint says what to do."""
+    """Answer to the Command of the same id. ok: accepted and durable. Otherwise error is one line, hint says what to do.
+
+    kind : of a refusal: "readiness", "control", "table" or ""
+    """
 
     id: str
     ok: bool
     error: str = ""
     hint: str = ""
     data: dict[str, Any] = {}
+    kind: str = ""
 
 
 class Event(msgspec.Struct, frozen=True, tag=True):

@@ -30,7 +30,7 @@ class Status:
 
     machine, work, wco : axis letter -> mm or deg; work and wco are empty until the firmware has told its offsets
     line : N-word of the executing line, None if not reported
-    at : clock time at which the report was parsed (s)
+    at : clock time at which the report was parsed (s); has_rpm : whether the firmware reports the spindle's speed
     """
 
     state: str
@@ -47,6 +47,7 @@ class Status:
     pins: str
     overrides: tuple[int, int, int]
     at: float
+    has_rpm: bool = True
 
     @property
     def is_idle(self) -> bool:

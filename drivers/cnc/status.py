@@ -62,6 +62,7 @@ class StatusReader:
             state=name, substate=sub, machine=machine, work=work, wco=dict(self._wco), line=line,
             feed_mm_min=speeds[0], rpm=rpm, planner_free=planner_free, rx_free=rx_free, tool=self._tool,
             pins=fields.get("Pn", ""), overrides=self._overrides, at=now,
+            has_rpm=len(speeds) > 1,
         )  # fmt: skip
 
     def _positions(self, fields: dict[str, str]) -> tuple[dict[str, float], dict[str, float]]:

@@ -38,7 +38,7 @@ async def test_lines_that_are_acknowledged_but_held_are_not_counted(cell: CellUn
 
 
 async def test_a_lost_ok_ends_the_job_with_its_cause_instead_of_waiting_for_ever(cell: CellUnderTest) -> None:
-    await cell.deposit(layers=1, pieces=40, length_mm=40.0)
+    await cell.deposit(layers=1, pieces=40, length_mm=40.0, mill=False)
     cell.sim.faults.add("lost_ok")
     await cell.forward(until=cell.is_state(State.FAULT, State.IDLE), seconds=60)
     assert cell.state is State.FAULT
