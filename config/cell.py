@@ -111,7 +111,10 @@ class Cnc(Facts):
     """The CNC and its serial line."""
 
     firmware: Literal["grblhal", "grbl"]
-    port: str = Field(description="device path; a relative one is taken from the run directory")
+    port: str = Field(
+        description="device path, best /dev/serial/by-id/..., or a pattern of one, or usb:VID:PID[:SERIAL]: these stay when the device is "
+        "plugged in again under another name; a relative path is taken from the run directory"
+    )
     baud: int = Field(115200, ge=1200, le=4_000_000)
     line_length_max: int = Field(256, ge=40, description="characters, without newline")
     rx_margin_bytes: int = Field(4, ge=0, description="of the receive buffer that are never filled: some firmwares count a byte or two too many")

@@ -17,6 +17,7 @@ from drivers.laser import Laser
 from drivers.modbus.client import PymodbusLink
 from drivers.modbus.device import DeviceClient
 from drivers.modbus.turn import Turn
+from drivers.transport.port_name import port_path
 from drivers.transport.serial_port import SerialPort
 
 
@@ -40,7 +41,7 @@ class CellDrivers:
 
 def open_cnc(cell: Cell, run_dir: Path, clock: Clock) -> CncDriver:
     """Open the CNC's serial port (relative: in run_dir). Raises PortAbsent, PortDenied, PortBusy."""
-    return CncDriver(SerialPort(str(run_dir / cell.cnc.port), cell.cnc.baud), cell.cnc, cell.letters, clock)
+    return CncDriver(SerialPort(port_path(cell.cnc.port, run_dir), cell.cnc.baud), cell.cnc, cell.letters, clock)
 
 
 def open_devices(cell: Cell, run_dir: Path, clock: Clock) -> tuple[dict[str, DeviceClient], tuple[ModbusLink, ...]]:

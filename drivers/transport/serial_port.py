@@ -12,6 +12,7 @@ import termios
 import serial
 
 from drivers.errors import LinkError, LinkLost, PortAbsent, PortBusy, PortDenied
+from drivers.transport.port_name import find_port
 
 READ_BYTES = 4096
 ZEROS = 16
@@ -19,17 +20,18 @@ GONE = "check the cable and the device's power"
 
 
 class SerialPort:
-    """8N1 serial line on `path`, opened exclusively.
+    """8N1 serial line on `path` (as `find_port` takes it), opened exclusively.
 
     Raises PortAbsent, PortDenied or PortBusy when it cannot be opened; LinkLost from any method once the line is gone.
     """
 
     def __init__(self, path: str, baud: int) -> None:
-        self.name = path
+        device = find_port(path)
+        self.name = path if device == path else f"{path} ({device})"
         try:
-            self._serial = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+            self._serial = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
-            raise open_error(path, error) from None
+            raise open_error(device, error) from None
         self._fd: int | None = self._serial.fileno()
         self._zeros = 0  # empty queues told in a row
         self._block_on_silence(self._fd)

@@ -75,8 +75,13 @@ class MemoryLine:
         return None
 
 
-def in_memory(case: Case, lines: Sequence[str] | None = None, far: FarEnd | None = None, hold_every_s: float = 0.1) -> Outcome:
-    """One stream; holds are asked for at odd instants all along. Raises RuntimeError if the stream stops or stands still."""
+def in_memory(
+    case: Case, lines: Sequence[str] | None = None, far: FarEnd | None = None, upto: int | None = None, hold_every_s: float = 0.1
+) -> Outcome:
+    """One stream; holds are asked for at odd instants all along. Raises RuntimeError if the stream stops or stands still.
+
+    lines, far : in place of those of the case; upto : only so many lines are released
+    """
     far = far or case.far_end()
     clock = Turned(far)
     facts = case.facts()
@@ -85,11 +90,12 @@ def in_memory(case: Case, lines: Sequence[str] | None = None, far: FarEnd | None
     far.counts = Counts()
     lines = FiveAxisLines(case.lines) if lines is None else lines
     driver.load(lines)
-    driver.release(len(lines))
+    upto = len(lines) if upto is None else upto
+    driver.release(upto)
     began, cpu = clock.time, time.process_time()
     asked: list[float] = []
     wakes, answered_at = 0, began
-    while driver.counts.sent < len(lines) or driver.protocol.unanswered:
+    while driver.counts.sent < upto or driver.protocol.unanswered:
         before = driver.protocol.acknowledged
         driver.pump()
         if driver.protocol.acknowledged != before:
