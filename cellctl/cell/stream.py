@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cellctl.cell.arc_ways import bows, plane_of
 from cellctl.cell.first_cuts import first_cuts
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import DEPOSIT, SAFE, Modes
+from cellctl.cell.opened_program import timeline_of, tools_of
 from cellctl.cell.power_share import PowerShare
+from cellctl.cell.program_text import gate_of_lines as gate_of_lines
 from cellctl.cell.set_points import LASER_CHANNELS, Leads, SetPoints
 from cellctl.cell.transaction import Step, Transaction
-from cellctl.domain.sync import Follower, MotionJudge, Timeline
+from cellctl.domain.judge import MotionJudge
+from cellctl.domain.sync import Follower
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
 from drivers.cnc.events import Status
 from planner.program import Channel, LineKind, Program
 
 FEEDER_CHANNELS = tuple(channel for channel in Channel if channel not in LASER_CHANNELS)
-GATE_WORD = re.compile(r"M6([23])\s*P(\d+)")
-COMMENT = re.compile(r"\([^)]*\)|;.*")
-TOOL_WORD = re.compile(r"T(\d+)")
 IDLE_TIMEOUT_S = 5.0
 ARM_S = 0.1  # the laser's level is written so long before the permit, beside its own time for it
 EXPECT_PERIODS = 2.5  # status periods for which motion is taken for granted after a release with the gate shut
@@ -42,26 +39,6 @@ class Wanted:
     shield_gas_l_min: float = 0.0
 
 
-def gate_of_lines(program: Program) -> NDArray[np.bool_]:
-    """(n,) bool: whether the gate is open on each line, by M62/M63 in the text or by EMISSION in the schedule.
-
-    M62 and M63 act with the next motion, so from their own line on.
-    """
-    size = len(program.lines)
-    marks: list[tuple[int, bool]] = []
-    if program.gate == "stream":
-        for index, line in enumerate(program.lines):
-            if "M6" in line and (found := GATE_WORD.search(COMMENT.sub("", line))):
-                marks.append((index, found.group(1) == "2"))
-    else:
-        rows = program.schedule[program.schedule["channel"] == Channel.EMISSION]
-        marks = [(int(row["n"]) - 1, bool(row["value"])) for row in rows]
-    gate = np.zeros(size, dtype=np.bool_)
-    for (start, is_open), (end, _) in zip(marks, [*marks[1:], (size, False)], strict=True):
-        gate[start:end] = is_open
-    return gate
-
-
 class Run:
     """A Program on its way through the CNC. Knows no states: the controller asks, and tells."""
 
@@ -71,7 +48,10 @@ class Run:
         self.job = job
         self.name = name
         self.program = program
-        self.timeline = Timeline.from_table(program.table, gate_of_lines(program), bows(program, cell), plane_of(program))
+        schedule = program.schedule
+        self._cuts = first_cuts(program)
+        self._barriers = np.unique([*schedule["n"][schedule["barrier"] == 1], *self._cuts]).astype(np.int64)
+        self.timeline = timeline_of(program, cell)
         period = cell.cnc.status_period_s
         self.follower = Follower(self.timeline, period)
         self.judge = MotionJudge(cell.limits.moving_mm_s, EXPECT_PERIODS * period)
@@ -85,18 +65,14 @@ class Run:
         self._modes = modes
         self._hand = hand
         self._period_s = period
-        schedule = program.schedule
         self._schedule = schedule
         self._points = SetPoints(program, self.timeline, self.follower, Leads(drivers, cell.response))
-        self._share = PowerShare(self.follower)
+        self._share = PowerShare(self.follower, cell.response.laser_write_s)
+        self._armed_until = 0.0
         self.is_arming = False  # the permit is about to come: its level goes ahead
-        self._cuts = first_cuts(program)
-        self._barriers = np.unique([*schedule["n"][schedule["barrier"] == 1], *self._cuts]).astype(np.int64)
         self._released = 0
         self._answered_at = -1.0
-        tools = np.flatnonzero(program.table["kind"] == LineKind.TOOL)
-        found = ((int(i), TOOL_WORD.search(COMMENT.sub("", program.lines[int(i)]))) for i in tools)
-        self._tools = [(i, int(word.group(1))) for i, word in found if word]
+        self._tools = tools_of(program)
         drivers.laser.edges.is_gated = program.gate == "stream"
         drivers.cnc.load(program.lines, times_s=cast("Sequence[float]", self.timeline.time_end_s))
 
@@ -117,6 +93,8 @@ class Run:
             return
         if not status.is_idle and counts.executing > 0:
             self.executed = max(self.executed, counts.executing - 1)
+        elif not status.is_idle and self.follower.source == "position" and self.follower.last is not None:
+            self.executed = max(self.executed, min(self.follower.last.line, counts.sent))
         elif status.is_idle and status.at > self._answered_at:
             self.executed = max(self.executed, counts.executed)
 
@@ -155,8 +133,11 @@ class Run:
             return
         joints = np.array([status.machine[letter] for letter in letters])
         is_run = status.state == "Run" or (status.state == "Idle" and self._is_dwell(self.line))
-        self.follower.report(self.line, joints, status.at, is_run=is_run, feed=status.feed_mm_min)
-        self._share.report()
+        told = status.line is not None and status.line > 0
+        self.follower.report(
+            self.line if told else max(self._released - 1, 0), joints, status.at, is_run=is_run, feed=status.feed_mm_min,
+            override=status.overrides[0] / 100.0, is_line_told=told,
+        )  # fmt: skip
         self.judge.report(self.follower)
         if status.state not in ("Run", "Idle"):
             self.judge.standstill(f"the CNC is {status.state}")
@@ -167,11 +148,14 @@ class Run:
     def follow(self, now: float) -> None:
         """Carry out what the schedule has for the place where the machine will be once the device has reacted."""
         self._take(now, self.line)
-        status = self._d.cnc.status
-        if status is not None:
-            self._hand.factor = self._share.share(status.overrides[0] / 100.0)
-        lead_s = ARM_S + self._d.laser.client.latency.level_s + self._d.laser.client.latency.read.longest_s
-        self.is_arming = self.mode == DEPOSIT and self._points.switches_on_within(now, self._released, lead_s)
+        laser = self._d.laser.client.latency
+        lead_s = ARM_S + laser.level_s + laser.read.longest_s
+        begins_at = self._points.switches_on_at(now, self._released, lead_s)
+        was_arming, self.is_arming = self.is_arming, self.mode == DEPOSIT and begins_at is not None
+        if begins_at is not None:
+            self._armed_until = begins_at + laser.write.value_s
+        if now >= self._armed_until or (self.is_arming and not was_arming):  # once the level is there, the permit alone is waited for
+            self._hand.factor = self._share.at(now, max(now + laser.level_s, begins_at or 0.0), laser.write.value_s)
         self._d.laser.client.due(self._points.due_at(now, self._released, LASER_CHANNELS))
         self._d.feeder.client.due(self._points.due_at(now, self._released, FEEDER_CHANNELS))
         self._expect_end_of_dwell(now)
