@@ -121,7 +121,10 @@ class CncDriver(CncLine):
         for line in await self.command("$#"):
             name, _, values = line.strip("[]").partition(":")
             if name == "G54":
-                numbers = [float(value) for value in values.split(",")]
+                try:
+                    numbers = [float(value) for value in values.split(",")]
+                except ValueError:  # damaged on the way
+                    continue
                 if len(numbers) == len(self.letters):
                     return dict(zip(self.letters, numbers, strict=True))
         raise WrongAnswer(f"the CNC told no work offset for axes {''.join(self.letters)} ($#)", "check firmware and axes in the cell file")
