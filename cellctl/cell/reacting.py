@@ -74,7 +74,7 @@ def divert_powder(c: Controller, reaction: Reaction) -> None:
         c.powder_until = None
         return
     if reaction.powder == "divert":
-        c.drivers.feeder.client.set("diverter", 1.0)
+        c.drivers.feeder.divert(True)
     if c.powder_until is None:
         c.powder_until = c.times.wire.now() + c.cell.limits.powder_settle_timeout_s
 

@@ -57,7 +57,7 @@ def fault(kind: str, mend: str) -> tuple[Act, Act]:
 
 def head(world: World) -> None:
     """The head's slide is pushed off its stop."""
-    world.io.slide = 0.98
+    world.io.slide = 0.5
     world.io.show()
 
 

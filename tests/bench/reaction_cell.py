@@ -65,8 +65,8 @@ class ReactionCell:
         loop = asyncio.get_running_loop()
         self._tasks = [loop.create_task(self.sim.run()), loop.create_task(self.link.run()), loop.create_task(self._witness())]
         words = ["--cell", str(self.sim.cell_file), "--run", str(self.folder), "--store", str(self.folder / "store.db"), "--stop-port", "0"]
-        log = (self.folder / "cell.log").open("wb")
-        self._process = subprocess.Popen([sys.executable, "-m", "cellctl.cell", *words], stderr=log)
+        log = (self.folder / "cell.log").open("wb")  # noqa: ASYNC230, SIM115
+        self._process = subprocess.Popen([sys.executable, "-m", "cellctl.cell", *words], stderr=log)  # noqa: ASYNC220
         log.close()
         await self.until(lambda: self.link.snapshot is not None and self.snapshot.state == "IDLE", START_S)
         return self
