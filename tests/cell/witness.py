@@ -13,6 +13,7 @@ from sim.world import World
 
 DARK_W = 10.0  # about 1 % of the power: tail of the laser's ramp
 NUMBER_WORD = re.compile(r"N(\d+)")
+DEPOSITING_TOOLS = (1,)
 LEVELS: dict[str, Callable[[World], bool]] = {
     "door": lambda world: world.io.door_closed,
     "estop": lambda world: world.io.estop_ok,
@@ -37,6 +38,7 @@ class PlantWitness:
         self.last_lit_at = -1.0
         self.unsafe_since: dict[str, float] = {}
         self.unsafe_lit_s: dict[str, float] = {}  # longest that light stayed behind an unsafe level
+        self.unguarded = ""  # light with the wrong tool or with the head parked, in words
         self.taken: list[int] = []  # N-words of lines that the machine took, in their order
         world.metal = self
         self._watch_lines()
@@ -75,6 +77,8 @@ class PlantWitness:
                 self._standing_s = 0.0
         self.burnt_lines.update(trace.line[is_lit].tolist())
         self.last_lit_at = end - float(trace.dt[int(np.flatnonzero(is_lit)[-1]) + 1 :].sum()) / scale
+        if trace.tool not in DEPOSITING_TOOLS or self._world.io.is_parked:
+            self.unguarded = f"light with tool {trace.tool} and the head {'parked' if self._world.io.is_parked else 'out'}"
         self._note_levels(end, True)
 
     def _note_levels(self, now: float, is_lit: bool) -> None:

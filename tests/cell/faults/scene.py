@@ -126,7 +126,7 @@ class Scene:
             if cell.state is S.RUNNING or cell.state is S.PREPARING:
                 assert await self._command("hold"), self._refusal
             await cell.forward(until=cell.is_state(S.HELD), seconds=3.0)
-            await cell.forward(ticks=self.random.randrange(20))
+            await cell.forward(ticks=self.random.randrange(1, 20))
         if self.situation == "resuming":
             assert await self._command("resume"), self._refusal
             await cell.forward(ticks=self.random.randrange(1, 120))
