@@ -48,6 +48,7 @@ DEFAULTS: dict[str, Reaction] = {
     "laser_interlock": _HOLD,
     "laser_silent": _HOLD,
     "laser_emitting": _RESET,
+    "dark_pass": _HOLD,
     "feeder_fault": _HOLD,
     "feeder_silent": _HOLD,
     "powder_flow": _HOLD,

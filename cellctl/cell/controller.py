@@ -9,6 +9,7 @@ from typing import Any
 from cellctl.cell.behaviour import STEPS
 from cellctl.cell.control import ControlToken
 from cellctl.cell.laser_hand import LaserHand
+from cellctl.cell.light_watch import LightWatch
 from cellctl.cell.modes import Modes
 from cellctl.cell.quiesce import Quiesce
 from cellctl.cell.reacting import react
@@ -44,6 +45,9 @@ from drivers.errors import LinkError, RangeError_
 from drivers.interfaces import Clock
 
 S, T = State, Trigger
+DARK_RAMPS = 5.0  # time constants until less than 1 % is left of the light
+LEAD_MAX_S = 0.05  # a request that takes longer does not put off a hold: what it would cost is the dead-man's to bound
+BEFORE_A_PASS = ("depositing", "moving")  # permissives that come with the pass: the laser's level goes ahead of them, its permit never
 
 
 @dataclass
@@ -103,6 +107,7 @@ class Controller:
         """Use these drivers from now on; everything is commanded safe first."""
         self.drivers = drivers
         self.hand = LaserHand(drivers, self.times.wire)
+        self.light = LightWatch(self.cell, drivers.laser, self.hand)
         self.senses = Senses(self.cell, drivers, self.times.wire)
         self.modes = Modes(self.cell, drivers, self.times.wire, self.hand)
         self.quiesce = Quiesce(drivers)
@@ -161,8 +166,16 @@ class Controller:
 
     @property
     def lead_s(self) -> float:
-        """How long the tip has to go on moving after the laser is locked, so that it is dark before it stands (s)."""
-        return max(self.cell.limits.tick_s if self.hand.is_permitted else 0.0, self.hand.dark_in_s)
+        """How long the tip has to go on moving after the laser is locked, so that it is dark before it stands (s).
+
+        The write may wait for one request that is under way; the laser's own ramp comes behind it.
+        """
+        if self.drivers is None:
+            return 0.0
+        client = self.drivers.laser.client
+        ebb_s = client.latency.read.longest_s + client.latency.write.longest_s + DARK_RAMPS * client.device.ramp_s
+        lead_s = max(self.cell.limits.tick_s, min(ebb_s, LEAD_MAX_S)) if self.hand.is_permitted else 0.0
+        return max(lead_s, self.hand.dark_in_s)
 
     @property
     def quiesce_pending(self) -> bool:
@@ -204,6 +217,7 @@ class Controller:
         except LinkError as error:  # the CNC's line broke under this step: the next pump brings PortLost
             self.hand.lock(error.message)
         self._decide(now)
+        note(self, now)
         self._sample(now)
 
     def act(self, now: float) -> None:
@@ -234,7 +248,7 @@ class Controller:
     def _decide(self, now: float) -> None:
         """Permit with the wanted power, or neither, by every condition as it stands."""
         self.permissives = self.senses.permissives(self._situation(now))
-        is_arming = self.run is not None and self.run.is_arming and may_emit([p for p in self.permissives if p.name != "depositing"])
+        is_arming = self.run is not None and self.run.is_arming and may_emit([p for p in self.permissives if p.name not in BEFORE_A_PASS])
         self.hand.apply(may_emit(self.permissives), why_not(self.permissives), is_arming=is_arming)
 
     def pump(self) -> None:
@@ -266,6 +280,7 @@ class Controller:
         found = [*self.senses.faults(situation)] if self.state not in (S.OFFLINE, S.RESETTING) else []
         if self.state is not S.OFFLINE:
             found += self.senses.unpermitted_emission(self.hand)
+            found += self.light.faults(self.run if self.state is S.RUNNING else None, now)
         if self.state is S.FAULT:
             found += self.senses.late_causes(self.told)
         for code, detail, remedy in found:

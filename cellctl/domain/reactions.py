@@ -24,6 +24,9 @@ REACTIONS: dict[str, Words] = {
     "laser_interlock": Words("The laser's interlock chain reports: {detail}", "close the chain, then reset"),
     "laser_silent": Words("The laser does not answer: {detail}", "look at its power and cable; reset when it answers"),
     "laser_emitting": Words("The laser reports emission that was not permitted: {detail}", "press the E-stop and call service"),
+    "dark_pass": Words(
+        "The laser emits nothing though the program asks for it: {detail}", "look at gate wire, shutter and fibre; reset, then resume or abort"
+    ),
     "feeder_fault": Words("The powder feeder reports: {detail}", "remove the cause at the feeder, then reset"),
     "feeder_silent": Words("The powder feeder does not answer: {detail}", "look at its power and cable; reset when it answers"),
     "powder_flow": Words("Powder does not flow as set: {detail}", "look for a clog or an empty hopper, then reset"),
