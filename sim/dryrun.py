@@ -133,6 +133,7 @@ class DryRun:
         if start is not None:
             self.watch.begin_with(start.path, start.emitted_mm)
             self.contacts.begin_with(start.cuts)
+            self.world.cnc.stand_at(start.joints.tolist(), start.tool)
 
     def _bounds(self, stock: TriangleMesh | None) -> Array:
         """(2, 3) float, mm   Box of the part and of what it is cut from, build frame."""

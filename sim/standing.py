@@ -32,7 +32,7 @@ class Standing:
     line, fraction : where the Program was left, index of the line and share of it   layer, operation : of that line
     metal : state of stock and part's heat   cell_mm, bounds : its grid, and the (2, 3) box, mm, build frame, that it was made for
     cuts : (k, 6) deep cuts so far   path : (m, 5) points of beads and cuts so far   emitted_mm : way with the laser on
-    joints : (n,) where the machine stood, mm or deg   tool : number that was in
+    joints : (n,) where the machine stood, mm or deg   tool : number that was in   time_s : that the Program had run, waits included
     """
 
     line: int
@@ -47,6 +47,7 @@ class Standing:
     emitted_mm: float
     joints: Floats
     tool: int
+    time_s: float
 
     @property
     def sha256(self) -> bytes:
@@ -169,7 +170,7 @@ def stock_after(
     watched = run.watch.state()
     return Standing(
         line, fraction, int(row["layer"]), int(row["operation"]), run.metal.snapshot(), run.stock.cell_mm, run.bounds,
-        run.contacts.state()["deep"], watched["path"], run.watch.emitted_mm, until.joints, until.tool,
+        run.contacts.state()["deep"], watched["path"], run.watch.emitted_mm, until.joints, until.tool, run.world.time_s,
     )  # fmt: skip
 
 

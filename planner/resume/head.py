@@ -138,10 +138,10 @@ class HeadWriter:
             for channel in (Channel.CARRIER_GAS_L_MIN, Channel.SHIELD_GAS_L_MIN, Channel.POWDER_G_MIN):
                 if channel in levels:
                     self.tape.schedule(channel, levels[channel], self.tape.count + self._comments, is_barrier=True)
-            told = [f"{levels[Channel.SHIELD_GAS_L_MIN]:g} L/min gas"] if Channel.SHIELD_GAS_L_MIN in levels else []
-            told += [f"{levels[Channel.POWDER_G_MIN]:g} g/min powder"] if Channel.POWDER_G_MIN in levels else []
-            steady = f", {' and '.join(told)} steady before" if told else ""
-            self._say(f"down to the pass{steady}" if stretch is not None else f"on to the pass{steady}", is_part=True)
+            told = [f"{levels[Channel.SHIELD_GAS_L_MIN]:.3g} L/min gas"] if Channel.SHIELD_GAS_L_MIN in levels else []
+            told += [f"{levels[Channel.POWDER_G_MIN]:.3g} g/min powder"] if Channel.POWDER_G_MIN in levels else []
+            steady = f", first {', '.join(told)}, steady" if told else ""
+            self._say(f"{'down' if stretch is not None else 'on'} to the pass{steady}", is_part=True)
         elif stretch is not None:
             self._say("down into what is cut already, at the feed of the pass", is_part=True)
         if stretch is not None:
@@ -171,7 +171,12 @@ class HeadWriter:
                 has_ended = True
             times = self._taken(stretch.joints[k + 1], self._time_s(stretch, k))
             self.tape.moves(
-                stretch.joints[k + 1 : k + 2], stretch.arc_mm[k], times, Move.FEED, self._does, bulge=stretch.bulge[k : k + 1]
+                stretch.joints[k + 1 : k + 2],
+                stretch.arc_mm[k],
+                times,
+                Move.FEED,
+                self._does,
+                bulge=stretch.bulge[k : k + 1],
             )
 
     def _time_s(self, stretch: Stretch, k: int) -> float:
@@ -186,7 +191,10 @@ class HeadWriter:
         level = self.reentry.levels.get(Channel.LASER_W, 0.0)
         if stretch.overlap_mm > 0.0:
             low = self.setting.ramp_power * level
-            self._say(f"laser on {stretch.overlap_mm:.2f} mm before metal's end, {low:.0f} to {level:.0f} W, fast", is_part=True)
+            self._say(
+                f"laser on {stretch.overlap_mm:.2f} mm before metal's end, {low:.0f} to {level:.0f} W, fast",
+                is_part=True,
+            )
         if self.setting.program.gate == "modbus" or output is None:
             self.tape.schedule(Channel.EMISSION, 1.0, self.tape.count)
         else:

@@ -66,7 +66,9 @@ class Source:
         per_mm = np.maximum(np.abs(self.reading.joints[line + 1] - self.reading.joints[line]) / arc_mm, 1e-9)
         fastest = float(np.min(np.array([axis.max_velocity for axis in self.cell.axes]) / per_mm))
         gain = float(np.min(np.array([axis.max_acceleration for axis in self.cell.axes]) / per_mm))
-        peak = min(fastest, float(np.hypot(speed, np.sqrt(gain * width))))  # speeds up over one half, brakes over the other
+        peak = min(
+            fastest, float(np.hypot(speed, np.sqrt(gain * width)))
+        )  # speeds up over one half, brakes over the other
         share = 1.0 if peak >= HASTE * speed else 0.5 * (1.0 + peak / speed) / HASTE
         return width * min(1.0, share)
 

@@ -168,5 +168,9 @@ def _at(reading: Reading, lines: Ints, shares: Floats) -> Floats:
 def _bulges(reading: Reading, lines: Ints) -> Floats:
     """(k,) float: tan(sweep / 4) of the lines, 0 where they are straight."""
     arcs = reading.arcs
-    sweeps = dict(zip(arcs.lines.tolist(), arcs.sweep.tolist(), strict=True))
-    return np.array([np.tan(0.25 * sweeps.get(int(line), 0.0)) for line in lines])
+    result = np.zeros(len(lines))
+    if len(arcs.lines):
+        place = np.searchsorted(arcs.lines, lines).clip(0, len(arcs.lines) - 1)
+        bent = arcs.lines[place] == lines
+        result[bent] = np.tan(0.25 * arcs.sweep[place[bent]])
+    return result

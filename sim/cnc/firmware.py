@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from config import Cell
 from sim.cnc import codes
@@ -306,6 +306,13 @@ class Firmware:
             self.machine.alarm = codes.ALARM_HOMING_REQUIRED
         self._welcome()
         self.machine.door(self.machine.is_door_open)
+
+    def stand_at(self, joints: Sequence[float], tool: int) -> None:
+        """Stand at machine coordinates, in the order of the axes, with a tool in: where another program has left the machine."""
+        self.machine.motion.place(joints)
+        self.interpreter.reset(joints)
+        self.machine.tool = tool
+        self.interpreter.modal.tool_selected = tool
 
     def power_off(self) -> None:
         """Without power: drives and spindle stop, the line is silent, until `power_on`."""
