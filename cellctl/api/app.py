@@ -52,7 +52,7 @@ def build_service(settings: Settings) -> Service:
         runs.wake()
 
     link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, lambda: runs.wake())
-    runs = Runs(store, link, feed.take_job)
+    runs = Runs(store, link, feed.take_job, served.by_hand)
     work = JobWork(store, workers, served, settings.cell_file)
     queue = PlanningQueue(store, work, feed.take_job, settings.planning_slots)
     return Service(settings, served, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import httpx
 import msgspec
@@ -14,7 +14,7 @@ from fastapi.responses import Response
 from cellctl.api.cell_link import CellAbsentError
 from cellctl.api.context import Service, software_version
 from cellctl.api.feed import event_document
-from cellctl.api.models import About, CellCommand, CommandAnswer, EventItem, Events
+from cellctl.api.models import About, CellCommand, CommandAnswer, ControlAsked, EventItem, Events
 from cellctl.api.parts import Cursor, Limit
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.runs import StartRefusedError
@@ -40,6 +40,7 @@ class Verb(StrEnum):
     RESET = "reset"
     HOME = "home"
     UNLOCK = "unlock"
+    CONFIRM_POSITION = "confirm_position"
     JOG = "jog"
 
 
@@ -93,8 +94,8 @@ def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
                 "jog needs axis, distance and feed",
                 "distance in mm or deg, feed per minute",
             )
-        return {"axis": body.axis, "distance": body.distance, "feed": body.feed}
-    if body.axis is not None or body.distance is not None or body.feed is not None:
+        return {"axis": body.axis, "distance": body.distance, "feed": body.feed, "continuous": body.continuous}
+    if body.axis is not None or body.distance is not None or body.feed is not None or body.continuous:
         raise ApiError(
             422, "The request does not fit", f"axis, distance and feed do not belong to {verb.value}", "leave them out"
         )
@@ -122,13 +123,13 @@ async def _send(service: Service, person: Person, verb: Verb, body: CellCommand)
     """Carry the command to the cell. Raises CellAbsentError, StartRefusedError, ApiError."""
     if verb is Verb.START:
         return await _start(service, person, body)
-    because = body.because or f"{verb.value} by {person.name}"
+    because = body.because or ("" if verb is Verb.CONFIRM_POSITION else f"{verb.value} by {person.name}")
     arguments = _arguments(verb, body)
     if verb is not Verb.STOP:
-        return await service.link.command(verb.value, person.name, because, arguments, body.id)
+        return await service.link.command(verb.value, person.name, because, arguments, body.id, client=person.client)
     try:
         return await service.link.command(
-            verb.value, person.name, because, arguments, body.id, timeout_s=STOP_TIMEOUT_S
+            verb.value, person.name, because, arguments, body.id, timeout_s=STOP_TIMEOUT_S, client=person.client
         )
     except CellAbsentError:
         return await _stop_without_link(service, person, body)
@@ -158,7 +159,55 @@ async def _start(service: Service, person: Person, body: CellCommand) -> Reply:
             return jobs.confirm_table(rows, job_id, service.store.clock()) if body.table_clear else job
 
     job = await asyncio.to_thread(confirmed)
+    service.runs.confirmed(job_id, person.name, person.client)
     return await service.runs.start(job, person.name, body.because or "started by hand")
+
+
+PRESENT = {"present": "present", "keep": "jog_keep", "end": "jog_end"}
+
+
+async def _sign_of_life(service: Service, person: Person, verb: str) -> CommandAnswer:
+    """What is neither written down nor carried out once only. Raises ApiError."""
+    try:
+        reply = await service.link.command(verb, person.name, "", client=person.client, timeout_s=STOP_TIMEOUT_S)
+    except CellAbsentError as error:
+        raise ApiError(503, "The cell process does not answer", str(error), ABSENT_HINT) from None
+    if not reply.ok:
+        raise refused(reply.error, reply.hint, reply.kind)
+    return CommandAnswer(ok=True, state=str(reply.data.get("state", "")), data=reply.data)
+
+
+def refused(error: str, hint: str, kind: str = "") -> ApiError:
+    """The cell's refusal as a problem."""
+    return ApiError(409, "Another client has control" if kind == "control" else "The cell refused", error, hint)
+
+
+@router.post("/control")
+async def control(person: Operator, service: ServiceOf, body: ControlAsked) -> CommandAnswer:
+    """Take control of the cell, take it over from another client (with a reason), give it back, or tell that one is still there.
+
+    The client is what X-Client-Id says, else the token. A stop needs no control.
+    """
+    if body.action == "present":
+        return await _sign_of_life(service, person, PRESENT["present"])
+    verb, outcome = f"{body.action}_control", "failed"
+    try:
+        reply = await service.link.command(verb, person.name, body.because, client=person.client)
+        outcome = "ok" if reply.ok else f"refused: {reply.error}"
+    except CellAbsentError as error:
+        outcome = f"no answer: {error}"
+        raise ApiError(503, "The cell process does not answer", str(error), ABSENT_HINT) from None
+    finally:
+        await asyncio.shield(asyncio.to_thread(_write_down, service, person, verb, service.cell.name, body.because, outcome))
+    if not reply.ok:
+        raise refused(reply.error, reply.hint, reply.kind)
+    return CommandAnswer(ok=True, state=str(reply.data.get("state", "")), data=reply.data)
+
+
+@router.post("/jog/{what}")
+async def jog_on(person: Operator, service: ServiceOf, what: Literal["keep", "end"]) -> CommandAnswer:
+    """The button of a continuous jog is still held (to be said more often than the cell file's jog_repeat_s), or let go."""
+    return await _sign_of_life(service, person, PRESENT[what])
 
 
 @router.post("/{verb}")
@@ -174,20 +223,20 @@ async def command(person: Operator, service: ServiceOf, verb: Verb, body: CellCo
         raise ApiError(503, "The cell process does not answer", str(error), ABSENT_HINT) from None
     except StartRefusedError as error:
         outcome = f"refused: {error.message}"
-        raise ApiError(409, "The cell refused", error.message, error.hint) from None
+        raise refused(error.message, error.hint, error.kind) from None
     except ApiError as error:
         outcome = f"refused: {error.detail}"
         raise
     finally:
-        await asyncio.shield(asyncio.to_thread(_write_down, service, person, verb, target, body.because, outcome))
+        await asyncio.shield(asyncio.to_thread(_write_down, service, person, verb.value, target, body.because, outcome))
     if not reply.ok:
-        raise ApiError(409, "The cell refused", reply.error, reply.hint)
+        raise refused(reply.error, reply.hint, reply.kind)
     service.runs.wake()
     snapshot = service.link.snapshot
     state = str(reply.data.get("state") or (snapshot.state if snapshot else ""))
     return CommandAnswer(ok=True, state=state, data=reply.data)
 
 
-def _write_down(service: Service, person: Person, verb: Verb, target: str, because: str, outcome: str) -> None:
+def _write_down(service: Service, person: Person, verb: str, target: str, because: str, outcome: str) -> None:
     with service.store.write() as rows:
-        audit.add(rows, person.deed(verb.value, target, because), service.store.clock(), outcome)
+        audit.add(rows, person.deed(verb, target, because), service.store.clock(), outcome)

@@ -110,8 +110,9 @@ class CellLink:
         args: dict[str, Any] | None = None,
         ident: str | None = None,
         timeout_s: float = REPLY_TIMEOUT_S,
+        client: str = "",
     ) -> Reply:
-        """Send a command and wait for its reply. Raises CellAbsentError."""
+        """Send a command of a client and wait for its reply. Raises CellAbsentError."""
         writer = self._writer
         if writer is None:
             raise CellAbsentError("the cell process is not connected")
@@ -119,7 +120,7 @@ class CellLink:
         waiting: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
         self._replies[ident] = waiting
         try:
-            writer.write(encode(Command(id=ident, verb=verb, who=who, because=because, args=args or {})))
+            writer.write(encode(Command(id=ident, verb=verb, who=who, because=because, args=args or {}, client=client)))
             async with asyncio.timeout(timeout_s):
                 return await waiting
         except TimeoutError:

@@ -169,6 +169,8 @@ async def approve(person: Operator, service: ServiceOf, job_id: str, body: Appro
         return job
 
     job = await asyncio.to_thread(write)
+    if body.table_clear:
+        service.runs.confirmed(job_id, person.name, person.client)
     service.feed.take_job(job_id)
     service.runs.wake()
     return document(service, job)

@@ -124,7 +124,7 @@ class Because_(Strict):
 
 
 class CellCommand(Strict):
-    """What a command to the cell needs. job and table_clear: start; axis, distance, feed: jog (mm or deg, mm/min or deg/min)."""
+    """What a command to the cell needs. job and table_clear: start; axis, distance, feed, continuous: jog (mm or deg, mm/min or deg/min)."""
 
     because: str = Because
     id: str | None = Field(None, max_length=100, description="the same id is carried out once")
@@ -133,6 +133,14 @@ class CellCommand(Strict):
     axis: str | None = Field(None, max_length=1)
     distance: float | None = Field(None, ge=-10_000, le=10_000)
     feed: float | None = Field(None, gt=0, le=100_000)
+    continuous: bool = Field(False, description="jog: until its end is told or jog/keep is not, in the sense of distance")
+
+
+class ControlAsked(Strict):
+    """Control of the cell: take it (over, with a reason), give it back, or tell that who has it is still there."""
+
+    action: Literal["take", "release", "present"]
+    because: str = Because
 
 
 class CommandAnswer(BaseModel):

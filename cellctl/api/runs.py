@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import structlog
 
@@ -14,34 +16,55 @@ from cellctl.domain.snapshot import Snapshot
 from cellctl.store import Store, history, jobs
 from cellctl.store.history import Run
 from cellctl.store.jobs import JobRow
+from config.by_hand import ByHand
 
 J = JobState
 PERIOD_S = 1.0
 OUTCOMES = {"completed": J.COMPLETED, "aborted": J.ABORTED, "failed": J.FAILED, "interrupted": J.INTERRUPTED}
 MOVING = frozenset({"PREPARING", "RUNNING", "RESUMING"})
 TABLE_NOT_CLEAR = "waits until a person confirms that the table is clear"
+AGAIN = "waits until a person confirms again that the table is clear"
+REFUSED = "the cell refused to start it"
+RETRIED = "tried again by itself: "
 log = structlog.get_logger(__name__)
 
 
 class StartRefusedError(Exception):
-    """The cell would not start the job. `message`, `hint` : one line each"""
+    """The cell would not start the job. `message`, `hint` : one line each; kind : of the refusal (Reply.kind)"""
 
-    def __init__(self, message: str, hint: str = "") -> None:
+    def __init__(self, message: str, hint: str = "", kind: str = "") -> None:
         super().__init__(message)
         self.message = message
         self.hint = hint
+        self.kind = kind
+
+
+@dataclass
+class Refusals:
+    """Starts of one confirmation that were refused. first_at : monotonic (s)"""
+
+    confirmed_at: float
+    first_at: float
+    count: int = 0
 
 
 class Runs:
     """Call `run` as one task; `wake` whenever the cell or a queued job may have changed."""
 
-    def __init__(self, store: Store, link: CellLink, changed: Callable[[str], None]) -> None:
+    def __init__(self, store: Store, link: CellLink, changed: Callable[[str], None], by_hand: ByHand) -> None:
         self._store = store
+        self._by_hand = by_hand
+        self._confirmed: dict[str, tuple[str, str]] = {}  # job -> who confirmed the table, at which client
+        self._refusals: dict[str, Refusals] = {}
         self._link = link
         self._changed = changed
         self._wake = asyncio.Event()
         self._lock = asyncio.Lock()
         self.starting: set[str] = set()
+
+    def confirmed(self, job_id: str, who: str, client: str) -> None:
+        """A person found the table clear for a job: its start acts for that client."""
+        self._confirmed[job_id] = who, client
 
     def wake(self) -> None:
         """Look now."""
@@ -107,15 +130,18 @@ class Runs:
         queued = await asyncio.to_thread(self._queued)
         is_cell_free = True
         for job in queued:
+            lost = self._why_confirmed_no_more(job)
+            if lost:
+                await self._tell(job, f"{AGAIN}: {lost}", table_clear=False)
+                continue
             why = self._why_not(job, is_cell_free)
             if why:
                 await self._tell(job, why)
                 continue
             is_cell_free = False
             try:
-                await self.start(
-                    job, job.approved_by, job.approve_because or "approved and the table was confirmed clear"
-                )
+                who = self._confirmed.get(job.id, (job.approved_by, ""))[0]
+                await self.start(job, who, job.approve_because or "approved and the table was confirmed clear")
             except StartRefusedError as error:
                 log.warning("start refused", job=job.id, error=error.message)
 
@@ -123,15 +149,36 @@ class Runs:
         with self._store.read() as connection:
             return [job for job in jobs.oldest_in(connection, [J.QUEUED]) if history.run_of(connection, job.id) is None]
 
+    def _why_confirmed_no_more(self, job: JobRow) -> str:
+        """Why a confirmation that the table is clear counts no more; empty while it does, or there is none."""
+        if not job.table_clear:
+            return ""
+        confirmed_at = job.timestamps.get("table_clear", 0.0)
+        if self._store.clock() - confirmed_at > self._by_hand.table_confirmed_s:
+            return f"the table was found clear more than {self._by_hand.table_confirmed_s / 60.0:.0f} min ago"
+        snapshot = self._link.fresh
+        if snapshot is not None and snapshot.table.disturbed_at > confirmed_at:
+            return f"{snapshot.table.because} after the table was found clear"
+        refusals = self._refusals.get(job.id)
+        is_over = refusals is not None and refusals.confirmed_at == confirmed_at and self._retry_left_s(refusals) <= 0.0
+        return f"the cell was not ready for {self._by_hand.start_retry_s:g} s: {job.why.removeprefix(RETRIED)}" if is_over else ""
+
+    def _retry_left_s(self, refusals: Refusals) -> float:
+        return refusals.first_at + self._by_hand.start_retry_s - time.monotonic()
+
     def _why_not(self, job: JobRow, is_cell_free: bool) -> str:
         """Why a queued job cannot start now; empty if it can."""
         if not job.table_clear:
-            return job.why if job.why.startswith("the cell refused") else TABLE_NOT_CLEAR
+            return job.why if job.why.startswith((REFUSED, AGAIN)) else TABLE_NOT_CLEAR
         snapshot = self._link.fresh
         if snapshot is None:
             return "waits for the cell process to answer"
         if snapshot.state != "IDLE" or not is_cell_free:
-            return f"waits for the cell to be IDLE (it is {snapshot.state})"
+            return job.why if job.why.startswith(RETRIED) else f"waits for the cell to be IDLE (it is {snapshot.state})"
+        held = snapshot.control
+        who, client = self._confirmed.get(job.id, (job.approved_by, job.approved_by))
+        if held is not None and held.client != client:
+            return f"waits for control: {held.holder} has it; {who} may take it over, or {held.holder} start the job"
         return ""
 
     async def _tell(self, job: JobRow, why: str, **changes: object) -> None:
@@ -147,16 +194,22 @@ class Runs:
         self._changed(job.id)
 
     async def start(self, job: JobRow, who: str, because: str) -> Reply:
-        """Send one queued job to the cell. Raises StartRefusedError; the table then has to be confirmed again."""
+        """Send one queued job to the cell, for the client that confirmed the table. Raises StartRefusedError.
+
+        The table has to be confirmed again then, unless the cell was only not ready: that is tried again for a while.
+        """
         program = self._store.blobs.program(job.program_sha256 or "")
         confirmed = job.timestamps.get("table_clear", 0.0)
-        args = {"job": job.id, "name": job.name, "program": str(program.resolve())}
+        args = {"job": job.id, "name": job.name, "program": str(program.resolve()), "confirmed_at": confirmed}
+        earlier = self._refusals.get(job.id)
+        if earlier is None or earlier.confirmed_at != confirmed:
+            earlier = self._refusals[job.id] = Refusals(confirmed, time.monotonic())
         self.starting.add(job.id)
         try:
-            # The id belongs to one confirmation: asked again after a lost answer, the cell starts it once.
-            reply = await self._link.command(
-                "start", who, because, args, ident=f"start-{job.id}-{confirmed:.3f}", timeout_s=60.0
-            )
+            # The id belongs to one try of one confirmation: asked again after a lost answer, the cell starts it once.
+            ident = f"start-{job.id}-{confirmed:.3f}" + (f"-{earlier.count}" if earlier.count else "")
+            client = self._confirmed.get(job.id, (who, who))[1]
+            reply = await self._link.command("start", who, because, args, ident=ident, timeout_s=60.0, client=client)
         except CellAbsentError as error:
             raise StartRefusedError(
                 str(error), "the cell process is restarted by itself; look again in a moment"
@@ -164,14 +217,25 @@ class Runs:
         finally:
             self.starting.discard(job.id)
         if not reply.ok:
-            await self._tell(
-                job,
-                f"the cell refused to start it: {reply.error}" + (f" ({reply.hint})" if reply.hint else ""),
-                table_clear=False,
-            )
-            raise StartRefusedError(reply.error, reply.hint)
+            earlier.count += 1
+            await self._refused(job, earlier, reply)
+        self._refusals.pop(job.id, None)
         await self.follow()
         return reply
+
+    async def _refused(self, job: JobRow, refusals: Refusals, reply: Reply) -> None:
+        """Tell why, and whether the confirmation of the table is kept. Raises StartRefusedError."""
+        line = f"{reply.error}" + (f" ({reply.hint})" if reply.hint else "")
+        if reply.kind == "control":
+            await self._tell(job, f"waits for control: {line}")
+        elif reply.kind == "table":
+            await self._tell(job, f"{AGAIN}: {reply.error}", table_clear=False)
+        elif reply.kind == "readiness" and self._retry_left_s(refusals) > 0.0:
+            await self._tell(job, f"{RETRIED}{line}")
+            raise StartRefusedError(reply.error, f"{reply.hint}; it is tried again by itself for {self._by_hand.start_retry_s:g} s", reply.kind)
+        else:
+            await self._tell(job, f"{REFUSED}: {line}", table_clear=False)
+        raise StartRefusedError(reply.error, reply.hint, reply.kind)
 
 
 def is_job_of(snapshot: Snapshot, job_id: str) -> bool:

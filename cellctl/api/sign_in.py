@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -19,6 +20,8 @@ from cellctl.store.audit import Deed
 from cellctl.store.tokens import Role, TokenRow
 
 COOKIE = "cellctl_session"
+CLIENT_HEADER = "X-Client-Id"
+CLIENT_ID = re.compile(r"[A-Za-z0-9._@-]{1,64}")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 # Only for the OpenAPI document: the schemes are read by `person_of`.
@@ -28,11 +31,12 @@ cookie_scheme = APIKeyCookie(name=COOKIE, auto_error=False, description="set by 
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody who was let in. origin : address"""
+    """Somebody who was let in. origin : address; client : which console or program of that person asks"""
 
     name: str
     role: Role
     origin: str
+    client: str = ""
 
     def deed(self, verb: str, target: str, because: str = "") -> Deed:
         """What this person does, for the audit trail."""
@@ -69,7 +73,15 @@ def person_of(connection: HTTPConnection, service: Service) -> Person | None:
     token = token_of(connection, service)
     if token is None:
         return None
-    return Person(token.name, token.role, connection.client.host if connection.client else "")
+    return Person(token.name, token.role, connection.client.host if connection.client else "", client_of(connection, token))
+
+
+def client_of(connection: HTTPConnection, token: TokenRow) -> str:
+    """Which client of a person asks: what it calls itself, else its token. Raises ApiError 422 for a name that is none."""
+    given = connection.headers.get(CLIENT_HEADER, "")
+    if given and not CLIENT_ID.fullmatch(given):
+        raise ApiError(422, "The request does not fit", f"{CLIENT_HEADER} is no name", "letters, digits and . _ @ -, at most 64")
+    return f"{token.name}/{given or f'token-{token.id[-6:]}'}"
 
 
 def is_let_in(connection: HTTPConnection, service: Service, role: Role) -> bool:

@@ -43,7 +43,8 @@ class ControlToken:
     @property
     def name(self) -> str:
         """The holder in words."""
-        return f"{self._holder} ({self._client})" if self._client != self._holder else self._holder
+        where = self._client.removeprefix(f"{self._holder}/")
+        return f"{self._holder} ({where})" if where != self._holder else self._holder
 
     def admit(self, command: Command) -> None:
         """Let a command of the holder pass, take control for the first one while nobody has it. Raises Refused."""
