@@ -118,6 +118,11 @@ class BlackBox:
         self._map[start : start + _SUM_AT + _SUM.size] = record + _SUM.pack(zlib.crc32(record))
         self._count = count
 
+    @property
+    def is_odd(self) -> bool:
+        """Whether an odd number of moments has been written."""
+        return self._count % 2 == 1
+
     def of_job(self, job: str) -> Moment | None:
         """What an earlier process left of this job, None if it left nothing of it."""
         return self.last if self.last is not None and _name(self.last.job) == _name(job) else None
