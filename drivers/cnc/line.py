@@ -30,6 +30,8 @@ from drivers.errors import CommandRefused, DriverError, LinkLost, RangeError_
 from drivers.interfaces import BytePort, Clock
 
 QUERY_PERIOD_MIN_S = 0.1  # firmwares answer status at most 10 times a second without disturbing motion
+REPORT_BYTES = 100  # of a long status report
+REPORT_SHARE = 0.5  # of a slow line that reports may take on the way back: the rest is for answers
 STEP_S = 0.002  # how often an awaited command looks at the line
 OVERRIDE_PERCENT = (10, 200)
 
@@ -56,7 +58,7 @@ class CncLine:
         self._program: ProgramStream | None = None
         self._events: list[CncEvent] = []
         self._lost = ""
-        self._query_s = max(QUERY_PERIOD_MIN_S, facts.status_period_s)
+        self._query_s = max(QUERY_PERIOD_MIN_S, facts.status_period_s, REPORT_BYTES * BITS_PER_BYTE / facts.baud / REPORT_SHARE)
         self._asked_at = -math.inf  # last status query
 
     @property

@@ -32,7 +32,10 @@ class Answers:
 
 @dataclass
 class Counts:
-    """What the far end saw: lines of the program whole and in order, and everything else."""
+    """What the far end saw: lines of the program whole and in order, and everything else.
+
+    least_planned : fewest blocks in the planner when a line came, from the BLOCKS-th of a pass on; dry : lines of a pass that found none
+    """
 
     lines: int = 0
     lost: int = 0
@@ -50,15 +53,17 @@ class Counts:
 class FarEnd:
     """rx : bytes of the ring. byte_s : s per byte on the line, 0 for none. expect : the program's line of an index, newline excluded.
 
-    block_s : how long the machine moves on the line of an index, s.
+    block_s : how long the machine moves on the line of an index, s   goes_on : whether that line goes on with the pass of the one before
     """
 
     def __init__(
-        self, rx: int, byte_s: float, answers: Answers, expect: Callable[[int], bytes], block_s: Callable[[int], float], total: int
-    ) -> None:
+        self, rx: int, byte_s: float, answers: Answers, expect: Callable[[int], bytes], block_s: Callable[[int], float],
+        goes_on: Callable[[int], bool],
+    ) -> None:  # fmt: skip
         self.counts = Counts()
         self._rx, self._byte_s, self._answers, self._expect, self._block_s = rx, byte_s, answers, expect, block_s
-        self._total = total
+        self._goes_on = goes_on
+        self._in_pass = 0  # lines of the pass so far
         self._coming: deque[tuple[float, bytes]] = deque()  # first byte's arrival, bytes
         self._line_free = 0.0
         self._ring = bytearray()
@@ -168,9 +173,10 @@ class FarEnd:
             counts.lines += 1
         else:
             self._classify(line, due)
-        if BLOCKS < due < self._total - 1:
+        self._in_pass = self._in_pass + 1 if self._goes_on(due) else 0
+        counts.dry += self._in_pass > 0 and not planner
+        if self._in_pass > BLOCKS:
             counts.least_planned = min(counts.least_planned, len(planner))
-            counts.dry += not planner
         planner.append((planner[-1] if planner else now) + self._block_s(due))
         self._bunch.append(now)
 

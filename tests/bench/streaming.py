@@ -75,7 +75,7 @@ class Case:
 
     def far_end(self) -> FarEnd:
         """The controller of this case."""
-        return FarEnd(self.rx, self.byte_s, self.answers, five_axis_line, lambda _: self.block_s, self.lines)
+        return FarEnd(self.rx, self.byte_s, self.answers, five_axis_line, lambda _: self.block_s, lambda _: True)
 
     def facts(self) -> Cnc:
         """The cell file's part of it."""
