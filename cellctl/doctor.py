@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from statistics import median
 
 from cellctl.supervise import cell_process_at
 from config import Cell, Device, load_cell, load_device
@@ -14,6 +16,10 @@ from drivers.clock import SystemClock
 from drivers.errors import DriverError
 from drivers.interfaces import ModbusLink
 from drivers.modbus.registers import decode, meanings, spans
+
+REQUESTS = 20  # read to learn how long one takes
+SAFE_SHARE = 0.7  # of the time-out: a request that comes nearer will miss it one day
+REQUESTS_BETWEEN = 8  # that may come between two readings of one register while set-points are written
 
 
 class DoctorError(Exception):
@@ -118,6 +124,28 @@ async def _examine_cnc(cell: Cell, run_dir: Path, report: Report) -> None:
         cnc.close()
 
 
+async def _examine_latency(role: str, device: Device, device_id: int, line: ModbusLink, report: Report) -> None:
+    """How long a request takes, by reading alone; what the device does with a write is learnt while the cell runs."""
+    span = min(spans(device.registers, [name for name, each in device.registers.items() if not each.writable]), key=lambda s: s.count)
+    clock, taken = SystemClock(), []
+    try:
+        for _ in range(REQUESTS):
+            began = clock.now()
+            await line.read(device_id, span.table, span.address, span.count)
+            taken.append(clock.now() - began)
+    except DriverError as error:
+        report.fault(f"{role}: request time", error)
+        return
+    middle_ms, longest_ms, said_ms = 1e3 * median(taken), 1e3 * max(taken), 1e3 * device.latency_s
+    is_quick = max(taken) < SAFE_SHARE * device.timeout_s
+    readings = [each.stale_s for each in device.registers.values() if not each.writable]
+    is_fresh = median(taken) * REQUESTS_BETWEEN < min(readings, default=math.inf)
+    text = f"{middle_ms:.1f} ms, longest of {REQUESTS}: {longest_ms:.1f} ms; the register map begins with latency_s = {said_ms:g} ms"
+    text += "" if is_quick else f"; too near to timeout_s = {1e3 * device.timeout_s:g} ms"
+    text += "" if is_fresh else f"; readings would grow stale between two writes: stale_s has to be above {REQUESTS_BETWEEN * middle_ms:.0f} ms"
+    report.rows.append(Row(is_quick and is_fresh, f"{role}: request time", text))
+
+
 async def _examine_device(role: str, device: Device, device_id: int, line: ModbusLink, report: Report) -> None:
     """Read every register of one device, in the fewest requests."""
     try:
@@ -126,6 +154,7 @@ async def _examine_device(role: str, device: Device, device_id: int, line: Modbu
     except DriverError as error:
         report.fault(role, error)
         return
+    await _examine_latency(role, device, device_id, line, report)
     for span in spans(device.registers, device.registers):
         try:
             words = await line.read(device_id, span.table, span.address, span.count)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from cellctl.cell.controller import Controller
 from cellctl.cell.tick import Beat
-from cellctl.domain.snapshot import Alarm, CncView, FeederView, IoView, LaserView, Snapshot, TickView
+from cellctl.domain.snapshot import Alarm, CncView, FeederView, IoView, LaserView, LatencyView, Snapshot, TickView
 from cellctl.domain.states import EXECUTION, State
 from drivers.cell_wires import CellDrivers
+from drivers.modbus.latency import Latency
 
 NEVER_S = 1e9  # age of what was never read; JSON has no infinity
 
@@ -40,7 +41,7 @@ def snapshot(c: Controller, seq: int, beat: Beat) -> Snapshot:
         job=c.job_view() if c.run is not None else c.ended.view if c.ended else None,
         permissives=c.permissives,
         alarms=_alarms(c),
-        tick=TickView(beat.count, beat.missed, round(beat.jitter_p99_ms, 3), beat.scheduler),
+        tick=TickView(beat.count, beat.missed, round(beat.jitter_p99_ms, 3), beat.scheduler, round(beat.longest_ms, 1)),
         control=c.control.view,
         table=c.table.view,
         position=c.position.why,
@@ -93,11 +94,23 @@ def _number(value: float) -> float:
     return value if value == value else 0.0  # NaN: never read; the age says so
 
 
+def _latency(known: Latency) -> LatencyView:
+    on, off = known.on, known.off
+    return LatencyView(
+        request_s=round(known.write.value_s, 5),
+        on_s=round(on.value_s, 5),
+        off_s=round(off.value_s, 5),
+        transport_s=round(known.transport.believed(0.0).value_s, 3),
+        learnt=min(on.samples, off.samples),
+    )
+
+
 def _laser(c: Controller, d: CellDrivers) -> LaserView:
     laser = d.laser
     return LaserView(
         laser.connected, _age(laser.age_s), laser.is_enabled, laser.is_permitted, laser.is_emitting,
         laser.power_setpoint_w, _number(laser.power_readback_w), list(laser.faults), list(laser.interlocks),
+        _latency(laser.client.latency),
     )  # fmt: skip
 
 
@@ -106,7 +119,7 @@ def _feeder(d: CellDrivers) -> FeederView:
     return FeederView(
         f.connected, _age(f.age_s), f.rate_setpoint_g_min, _number(f.rate_readback_g_min), f.carrier_gas_setpoint_l_min,
         _number(f.carrier_gas_readback_l_min), f.shield_gas_setpoint_l_min, _number(f.shield_gas_readback_l_min),
-        _number(f.hopper_fraction), list(f.faults),
+        _number(f.hopper_fraction), list(f.faults), _latency(f.client.latency),
     )  # fmt: skip
 
 

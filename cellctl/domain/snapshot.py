@@ -15,6 +15,16 @@ class Lines(msgspec.Struct, frozen=True):
     total: int = 0
 
 
+class LatencyView(msgspec.Struct, frozen=True):
+    """Times of one device as learnt while running (s); learnt: samples behind the reaction, 0: the register map's word."""
+
+    request_s: float = 0.0
+    on_s: float = 0.0  # from the begin of a write that switches on to half of the output
+    off_s: float = 0.0
+    transport_s: float = 0.0  # powder: from a new rate to its first change in the rate read back; 0: not yet learnt
+    learnt: int = 0
+
+
 class LaserView(msgspec.Struct, frozen=True):
     """Laser: set-points and read-backs; age_s is the age of the oldest reading (large: stale)."""
 
@@ -27,6 +37,7 @@ class LaserView(msgspec.Struct, frozen=True):
     power_readback_w: float = 0.0
     faults: list[str] = []
     interlocks: list[str] = []
+    latency: LatencyView = LatencyView()
 
 
 class FeederView(msgspec.Struct, frozen=True):
@@ -42,6 +53,7 @@ class FeederView(msgspec.Struct, frozen=True):
     shield_gas_readback_l_min: float = 0.0
     hopper_fraction: float = 0.0
     faults: list[str] = []
+    latency: LatencyView = LatencyView()
 
 
 class IoView(msgspec.Struct, frozen=True):
