@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import getpass
 import json
+import re
 import secrets
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +18,7 @@ TIMEOUT_S = 30.0
 UPLOAD_TIMEOUT_S = 600.0
 
 Document = dict[str, Any]
+NO_NAME = re.compile(r"[^A-Za-z0-9._@-]")
 
 
 class ServiceError(Exception):
@@ -34,9 +38,11 @@ class ServiceError(Exception):
 class Client:
     """Talks to one service. Every call raises ServiceError with the words of the problem document."""
 
-    def __init__(self, url: str, token: str, transport: httpx.BaseTransport | None = None) -> None:
+    def __init__(self, url: str, token: str, transport: httpx.BaseTransport | None = None, name: str = "") -> None:
+        """name : by which the cell tells this client from others of the same person; default: user and machine"""
         self.url = url.rstrip("/")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        headers["X-Client-Id"] = name or own_name()
         self._http = httpx.Client(
             base_url=self.url, headers=headers, timeout=TIMEOUT_S, trust_env=False, transport=transport
         )
@@ -135,8 +141,24 @@ class Client:
         return self.post(f"jobs/{job_id}/cancel", {"because": because})
 
     def command(self, verb: str, because: str = "", **fields: Any) -> Document:
-        """Command the cell: start, hold, resume, abort, stop, reset, home, unlock, jog."""
+        """Command the cell: start, hold, resume, abort, stop, reset, home, unlock, confirm_position, jog."""
         return self.post(f"cell/{verb}", {"because": because, **fields})
+
+    def take_control(self, because: str = "") -> Document:
+        """Take control of the cell; taking it over from another client needs a reason."""
+        return self.post("cell/control", {"action": "take", "because": because})
+
+    def release_control(self) -> Document:
+        """Give control of the cell back."""
+        return self.post("cell/control", {"action": "release"})
+
+    def keep_jogging(self) -> Document:
+        """The button of a continuous jog is still held; said several times within the cell file's jog_repeat_s."""
+        return self.post("cell/jog/keep", {})
+
+    def end_jog(self) -> Document:
+        """The button of a continuous jog was let go."""
+        return self.post("cell/jog/end", {})
 
     def snapshot(self) -> Document:
         """The cell's newest snapshot."""
@@ -149,6 +171,15 @@ class Client:
     def content(self, path: str, **params: Any) -> bytes:
         """The bytes of a file under /api/v1."""
         return self.request("GET", f"/api/v1/{path}", params=params).content
+
+
+def own_name() -> str:
+    """A client's name where it is told none: user and machine, the same for every call of the command line."""
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError):
+        user = "user"
+    return NO_NAME.sub("-", f"{user}@{socket.gethostname()}")[:64]
 
 
 def _refusal(answer: httpx.Response) -> ServiceError:

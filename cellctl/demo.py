@@ -31,8 +31,6 @@ START_S = 60.0
 POLL_S = 0.2
 SOCKET_PATH_MAX = 85  # of the run directory, so that the names of its sockets fit into 107 bytes
 STUCK_S = 60.0
-REFUSED = "the cell refused"
-"""How the service begins to say why a queued job was not started."""
 RECOVERIES = 5
 PLANT_NICENESS = -10
 ENDED = ("completed", "failed", "aborted", "interrupted", "cancelled")
@@ -152,7 +150,7 @@ class Demo:
         url = str(json.loads(address.read_text(encoding="utf-8"))["url"])
         token = (self._out / "store" / "operator.token").read_text(encoding="ascii").strip()
         self._say(f"console {url}  (sign in with {token})")
-        return Client(url, token)
+        return Client(url, token, name="demo")
 
     def _start(self, name: str, words: list[str], is_ready: Callable[[], bool]) -> None:
         """Start a process and wait for what shows that it is ready. Raises DemoError with the last line of its log."""
@@ -211,7 +209,7 @@ class Demo:
         ask_sim(self._run_dir / "sim.sock", {**command, "material": job["material"], "cell_mm": proof["cell_mm"]})
 
     def _until(self, client: Client, job_id: str, states: tuple[str, ...]) -> Document:
-        """Follow the job into one of these states; on a fault or a refused start do what an operator would, once looked at.
+        """Follow the job into one of these states; on a fault do what an operator would, once looked at.
 
         Raises DemoError if it stays held or queued.
         """
@@ -227,16 +225,7 @@ class Demo:
                 raise DemoError(f"the job is {job['state']}: {job['why']}", "look at the console")
             if snapshot is not None:
                 self._recover(client, snapshot)
-            elif job["state"] == "queued" and job["why"].startswith(REFUSED):
-                self._confirm_again(client, job)
             time.sleep(POLL_S)
-
-    def _confirm_again(self, client: Client, job: Document) -> None:
-        """A refused start takes the confirmation of the table back; once the cell is IDLE again an operator gives it anew."""
-        if client.snapshot()["state"] == "IDLE" and self._recoveries < RECOVERIES:
-            self._recoveries += 1
-            self._say(f"{job['why']}; the cell is IDLE again, the table still clear: confirmed once more")
-            client.approve(job["id"], because="demo: the cell is IDLE again", table_clear=True)
 
     def _recover(self, client: Client, snapshot: Document) -> None:
         """Reset a latched fault and resume the held job, as often as RECOVERIES; a busy machine can delay a read-back."""

@@ -21,7 +21,10 @@ COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (service.demo, service.serve, service.sim, service.doctor),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record),
-    "Cell": (remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home),
+    "Cell": (
+        remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position,
+        remote.jog, remote.control,
+    ),  # fmt: skip
 }
 for panel, commands in COMMANDS.items():
     for command in commands:

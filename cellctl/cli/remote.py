@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 TableClear = Annotated[
     bool, typer.Option("--table-clear", help="I looked: the table is clear and the substrate is clamped.")
 ]
+TakeControl = Annotated[
+    bool, typer.Option("--take-control", help="Take control over from another console or client first; --because says why.")
+]
 WATCH_PERIOD_S = 0.25
 WAITS_FOR_PEOPLE = frozenset({"waiting_for_approval"})
 ENDED = frozenset({"completed", "failed", "aborted", "cancelled", "interrupted"})
@@ -184,33 +187,45 @@ def record(
         output.line(f"  {event['kind']}: {event['text']}")
 
 
-def _command(verb: str, because: str, url: str | None, run: Path, json: bool) -> None:
+def _command(
+    verb: str, because: str, url: str | None, run: Path, json: bool, *, takes_control: bool = False, **fields: object
+) -> None:
     with connect(url, run) as client:
-        answer = client.command(verb, because)
+        if takes_control:
+            client.take_control(because or f"to {verb} on the command line")
+        answer = client.command(verb, because, **fields)
     if json:
         output.as_json(answer)
     else:
         output.line(f"{verb}: accepted, the cell is {answer['state']}")
 
 
-def hold(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+def hold(
+    because: Because = "", take: TakeControl = False, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
     """Hold: laser off, decelerate, stand still; can be resumed."""
-    _command("hold", because, url, run, json)
+    _command("hold", because, url, run, json, takes_control=take)
 
 
-def resume(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+def resume(
+    because: Because = "", take: TakeControl = False, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
     """Resume a held job."""
-    _command("resume", because, url, run, json)
+    _command("resume", because, url, run, json, takes_control=take)
 
 
-def abort(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+def abort(
+    because: Because = "", take: TakeControl = False, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
     """Abort the job."""
-    _command("abort", because, url, run, json)
+    _command("abort", because, url, run, json, takes_control=take)
 
 
-def reset(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+def reset(
+    because: Because = "", take: TakeControl = False, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
     """Reset a latched fault or stop, once its cause is removed."""
-    _command("reset", because, url, run, json)
+    _command("reset", because, url, run, json, takes_control=take)
 
 
 def stop(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
@@ -218,6 +233,60 @@ def stop(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, j
     _command("stop", because, url, run, json)
 
 
-def home(because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
+def home(
+    because: Because = "", take: TakeControl = False, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
     """Home the machine."""
-    _command("home", because, url, run, json)
+    _command("home", because, url, run, json, takes_control=take)
+
+
+def unlock(
+    because: Because = "", take: TakeControl = False, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
+    """Unlock the machine without homing. No job starts until it is homed or its position is confirmed."""
+    _command("unlock", because, url, run, json, takes_control=take)
+
+
+def confirm_position(
+    because: Because = "", take: TakeControl = False, url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False
+) -> None:
+    """Vouch for the machine's position after an unlock; --because says how it was checked."""
+    _command("confirm_position", because, url, run, json, takes_control=take)
+
+
+def jog(
+    axis: Annotated[str, typer.Argument(help="Letter of the axis.")],
+    distance: Annotated[float, typer.Argument(help="mm or degrees, with its sign.")],
+    feed: Annotated[float, typer.Option("--feed", help="mm or degrees per minute.")] = 500.0,
+    because: Because = "",
+    take: TakeControl = False,
+    url: Url = None,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """Jog one axis by a step, with the laser locked out."""
+    _command("jog", because, url, run, json, takes_control=take, axis=axis.upper(), distance=distance, feed=feed)
+
+
+def control(
+    release: Annotated[bool, typer.Option("--release", help="Give control back.")] = False,
+    take: TakeControl = False,
+    because: Because = "",
+    url: Url = None,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """Who has control of the cell; take it over or give it back."""
+    with connect(url, run) as client:
+        if take:
+            output.line(f"{client.take_control(because)['data']['holder']} has control")
+            return
+        if release:
+            client.release_control()
+        held = None if release else client.snapshot()["control"]
+    if json:
+        output.as_json({"control": held})
+    elif held is None:
+        output.line("nobody has control")
+    else:
+        output.line(f"{held['holder']} has control ({held['client']})" + (", not heard for a while" if held.get("absent") else ""))
