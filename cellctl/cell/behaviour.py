@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cellctl.cell.modes import SAFE
-from cellctl.cell.reacting import shut_powder_in_time
+from cellctl.cell.reacting import shut_powder_in_time, to_nozzle
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.cell.way_back import advance_way_back
 from cellctl.domain.states import State, Trigger
@@ -71,6 +71,7 @@ def _preparing(cell: Controller, drivers: CellDrivers, now: float) -> None:
     run = cell.run
     assert run is not None
     if run.transaction is None:
+        to_nozzle(cell)
         run.begin_barrier()
     assert run.transaction is not None
     if run.transaction.advance(now):
@@ -123,6 +124,7 @@ def _resuming(cell: Controller, drivers: CellDrivers, now: float) -> None:
         cell.go(T.BARRIER_REACHED, "the cell is prepared again")
         return
     if cell.transaction is None:
+        to_nozzle(cell)
         cell.transaction = Transaction([*run.restore(), _motion_again(drivers, now)])
     if cell.transaction.advance(now):
         cell.go(T.MOVED, "the job goes on")

@@ -79,6 +79,13 @@ def divert_powder(c: Controller, reaction: Reaction) -> None:
         c.powder_until = c.times.wire.now() + c.cell.limits.powder_settle_timeout_s
 
 
+def to_nozzle(c: Controller) -> None:
+    """A job that goes on wants its powder at the nozzle again, and flowing as long as it says."""
+    c.powder_until = None
+    if c.drivers is not None:
+        c.drivers.feeder.divert(False)
+
+
 def shut_powder_in_time(c: Controller, now: float) -> None:
     """Powder that a reaction let flow on is shut when nobody has resumed for as long as it takes to settle anew."""
     if c.powder_until is not None and now >= c.powder_until and c.drivers is not None:

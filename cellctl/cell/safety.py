@@ -21,6 +21,8 @@ DARK_GRACE_S = 0.3  # from the permit's end until read-backs have to show it: re
 FLOW_GRACE_S = 1.5  # powder may be off its set-point that long before it counts as lost
 FLOW_BAND = 3.0  # times powder_settle_tolerance
 TOOL_GRACE_S = 1.0
+OPENINGS = "_openings"  # ending of the registers that count how often a contact has opened
+BRIEFLY = "it has opened and closed between two readings"
 CNC_DOOR_OPEN = (1, 2)  # substates of Door: stopped and still ajar, opened and braking; 0 is closed again, 3 going on
 
 
@@ -67,6 +69,7 @@ class Senses:
         self._clock = clock
         self._flow_wrong_since: float | None = None
         self._tool_wrong_since: float | None = None
+        self._openings: dict[str, float] = {}  # cause -> count of openings that was last read
 
     @property
     def cnc_age_s(self) -> float:
@@ -104,18 +107,38 @@ class Senses:
 
     def faults(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         """(code, detail, remedy) of everything that has to latch, worst first."""
+        opened = self._opened()
+        if "estop" in opened and now.state is not State.OFFLINE:
+            yield "estop", BRIEFLY, ""
         yield from self._everywhere(now)
         is_by_hand = now.state in (State.JOGGING, State.HOMING) or now.is_retracting
         if now.state in IN_JOB or now.state is State.JOGGING or now.is_retracting:
             yield from self._cnc()
         if is_by_hand:
             yield from self._door()
+        for code in opened:
+            if now.state in ACTIVE or (is_by_hand and code == "door"):
+                yield code, BRIEFLY, ""
         if now.state in ACTIVE or is_by_hand:
             yield from self._cnc_door(now)
         if now.state in ACTIVE:
             yield from self._interlocks()
             yield from self._devices(now)
             yield from self._positions(now)
+
+    def _opened(self) -> list[str]:
+        """Causes whose contact has opened since the count was last looked at, where the coupler counts: however short it was."""
+        found = []
+        client = self._d.io.client
+        for cause in INTERLOCK_CAUSE.values():
+            reading = client.readings.get(f"{cause}{OPENINGS}")
+            if reading is None:
+                continue
+            before = self._openings.get(cause)
+            self._openings[cause] = reading.value
+            if before is not None and reading.value > before:  # fewer: the coupler was started anew
+                found.append(cause)
+        return found
 
     def _everywhere(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         estop = _signal(self._d.io.client, "estop_ok")

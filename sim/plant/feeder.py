@@ -87,7 +87,12 @@ class Feeder(Signals):
         else:
             rates = np.array([self._flow(float(piece)) for piece in dt])
         self.show()
-        return rates
+        return np.zeros(len(dt)) if self.is_diverted else rates
+
+    @property
+    def is_diverted(self) -> bool:
+        """Whether a diverter leads the powder to the bypass, so that none comes out of the nozzle."""
+        return bool(self.values.get("diverter", 0.0))
 
     def _flow(self, dt: float) -> float:
         """Powder rate averaged over one piece, g/min; follows what arrives through the hose within it."""

@@ -6,6 +6,12 @@ from config import Device
 from sim.plant.signals import Signals
 
 SLIDE_TRAVEL_S = 1.0
+COUNTS = 65536
+COUNTED = {
+    "estop_openings": "estop_ok", "door_openings": "door_closed", "chiller_openings": "chiller_ok", "gas_pressure_openings": "gas_pressure_ok",
+    "fume_extraction_openings": "fume_extraction_ok",
+}  # fmt: skip
+"""Register of the coupler that counts -> contact, whose openings it counts since power-up."""
 
 
 class InputsOutputs(Signals):
@@ -16,6 +22,7 @@ class InputsOutputs(Signals):
         self.estop_ok = self.door_closed = self.chiller_ok = True
         self.gas_pressure_ok = self.fume_extraction_ok = True
         self.slide = 0.0
+        self._was: dict[str, bool] = {}
         self.show()
 
     @property
@@ -42,7 +49,12 @@ class InputsOutputs(Signals):
         self.show()
 
     def show(self) -> None:
-        """Bring the contacts up to date."""
+        """Bring the contacts up to date, and count those that have opened."""
+        for register, contact in COUNTED.items():
+            is_closed = bool(getattr(self, contact))
+            if register in self.values and self._was.get(contact, is_closed) and not is_closed:
+                self.values[register] = (self.values[register] + 1.0) % COUNTS
+            self._was[contact] = is_closed
         self.values.update(
             estop_ok=float(self.estop_ok), door_closed=float(self.door_closed), chiller_ok=float(self.chiller_ok),
             gas_pressure_ok=float(self.gas_pressure_ok), fume_extraction_ok=float(self.fume_extraction_ok),

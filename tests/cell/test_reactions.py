@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from cellctl.domain.states import State
+from config.base import find_facts
 from config.reactions import complete
 from tests.cell.harness import CellUnderTest, shipped_cell
+from tests.cell.jobs import POWDER_G_MIN
 
 TOLERANCE_MM = 0.01
 
@@ -144,3 +146,62 @@ async def test_a_journal_that_cannot_be_written_turns_the_laser_off_and_holds_th
     await cell.forward(seconds=1.0)
     assert cell.is_still and cell.latched == ["store"] and cell.max_standstill_emission_w == 0.0
     assert cell.sim.feeder.values["rate_setpoint"] == 0.0
+
+
+@pytest.mark.parametrize(("contact", "code"), [("estop_ok", "estop"), ("door_closed", "door"), ("gas_pressure_ok", "gas_pressure")])
+async def test_a_contact_that_opens_and_closes_between_two_readings_is_counted_by_the_coupler_and_latches(
+    cell: CellUnderTest, contact: str, code: str
+) -> None:
+    await cell.deposit()
+    for level in (False, True):
+        setattr(cell.sim.io, contact, level)
+        cell.sim.io.show()
+    await cell.forward(ticks=4)
+    assert cell.latched == [code] and cell.is_dark
+    await cell.forward(seconds=1.0)
+    assert cell.is_still and cell.max_standstill_emission_w == 0.0
+    assert (await cell.command("reset")).ok, "the contact is closed again"
+    await cell.forward(until=cell.is_state(State.HELD, State.IDLE), seconds=5)
+    assert cell.latched == []
+
+
+DIVERTER = """
+[registers.diverter]
+table = "coil"
+address = 1
+type = "bit"
+safe = 1.0
+"""
+
+
+async def test_a_diverter_leads_powder_away_while_the_job_is_held_and_back_when_it_goes_on(tmp_path: Path) -> None:
+    device = tmp_path / "feeder.toml"
+    device.write_text(find_facts("devices", "feeder_generic").read_text(encoding="utf-8") + DIVERTER, encoding="utf-8")
+    facts = shipped_cell(reactions=complete({"chiller": {"powder": "divert"}}))
+    links = {**facts.links, "feeder": facts.links["feeder"].model_copy(update={"device": str(device)})}
+    async with CellUnderTest(tmp_path / "store.db", cell=facts.model_copy(update={"links": links})) as cell:
+        await cell.deposit(mill=False, layers=1)
+        assert not cell.sim.feeder.is_diverted
+        cell.sim.faults.add("chiller_fail")
+        await cell.forward(seconds=1.0)
+        assert cell.sim.feeder.is_diverted and cell.sim.feeder.values["rate_setpoint"] == POWDER_G_MIN
+        assert cell.is_dark and cell.latched == ["chiller"]
+        cell.sim.faults.add("chiller_ok")
+        await cell.forward(ticks=10)
+        assert (await cell.command("reset")).ok
+        await cell.forward(until=cell.is_state(State.HELD), seconds=5)
+        assert (await cell.command("resume")).ok
+        await cell.forward(until=cell.is_state(State.RUNNING), seconds=5)
+        assert not cell.sim.feeder.is_diverted
+        await cell.hurry(cell.is_state(State.IDLE), scale=4.0)
+        assert cell.outcome == "completed"
+
+
+async def test_powder_that_a_reaction_let_flow_on_is_shut_when_nobody_comes(tmp_path: Path) -> None:
+    async with cell_with(tmp_path, chiller={"powder": "keep"}) as cell:
+        await cell.deposit(mill=False)
+        cell.sim.faults.add("chiller_fail")
+        await cell.forward(seconds=1.0)
+        assert cell.sim.feeder.values["rate_setpoint"] == POWDER_G_MIN
+        await cell.forward(seconds=cell.facts.limits.powder_settle_timeout_s)
+        assert cell.sim.feeder.values["rate_setpoint"] == 0.0
