@@ -13,7 +13,7 @@ RESERVE_UP_S, RESERVE_DOWN_S = 50e-6, 0.5e-6  # per wake: they balance where one
 PACE = 0.997  # of the baud rate: what a line lags behind its model (clocks differ, adapters pause) is caught up with
 BITS_PER_BYTE = 10  # start, 8 data, stop
 LEAST_BYTES = 8  # at very low baud rates still more than one byte at a time
-ANSWERS = 6  # status reports from which a lag is judged: the promptest of them
+ANSWERS = 4  # status reports from which a lag is judged: the promptest of them
 LAG_S = (0.0003, 0.005)  # least that is worth catching up with at once; most that is taken for a lag
 
 
@@ -33,7 +33,8 @@ class Pacer:
         self._asked_at: float | None = None  # when the query under way leaves, as far as is known
         self._answers_s: list[float] = []
         self._prompt_s = math.inf  # from a query's leaving to its answer, when nothing is hidden
-        self._has_caught_up = False
+        self._caught_up_s = 0.0  # lag that has just been waited for
+        self._before_s = 0.0  # the last answer before that
 
     def room(self, now: float) -> int:
         """Bytes that may be written now."""
@@ -78,22 +79,23 @@ class Pacer:
         """The first byte of its answer came."""
         if self._asked_at is None:
             return
-        self._answers_s.append(at - self._asked_at)
+        answer_s = at - self._asked_at
         self._asked_at = None
+        if self._caught_up_s and self._before_s - answer_s < 0.5 * self._caught_up_s:
+            self._prompt_s += self._caught_up_s  # waiting did not help: it is the controller's own way to be late
+        self._caught_up_s = 0.0
+        self._answers_s.append(answer_s)
         if len(self._answers_s) < ANSWERS:
             return
         promptest = min(self._answers_s)
         self._answers_s.clear()
-        lag_s = promptest - self._prompt_s
         least, most = LAG_S
-        if self._has_caught_up:
-            self._prompt_s = promptest  # a lag that stays after waiting for it is the controller's own way
-            self._has_caught_up = False
-        elif lag_s < least:
+        lag_s = promptest - self._prompt_s
+        if lag_s < least:
             self._prompt_s = min(self._prompt_s, promptest)
-        else:
-            self._standing += min(lag_s, most) * self.bytes_per_s
-            self._has_caught_up = True
+            return
+        self._caught_up_s, self._before_s = min(lag_s, most), answer_s
+        self._standing += self._caught_up_s * self.bytes_per_s
 
     def _advance(self, now: float) -> None:
         self._standing = max(0.0, self._standing - (now - self._at) * self.bytes_per_s)

@@ -9,8 +9,8 @@ import pytest
 
 from drivers.cnc.events import ProtocolFault
 from tests.bench.bench_streaming import ANSWERS, BUFFERS
-from tests.bench.cnc_far_end import Answers
-from tests.bench.streaming import Case
+from tests.bench.cnc_far_end import Answers, FarEnd
+from tests.bench.streaming import Case, five_axis_line
 from tests.bench.streaming_in_memory import in_memory
 from tests.unit.drivers.fakes import FakeCnc, far_end, program
 
@@ -33,6 +33,13 @@ def test_hold_passes_a_full_window_of_lines_that_the_machine_is_slow_to_take() -
     case = Case(1024, ANSWERS[0], LINES, block_s=0.02)
     outcome = in_memory(case)
     assert outcome.counts.lines == LINES and max(outcome.late_ms()) <= 2.0
+
+
+def test_adapter_whose_clock_is_slow_and_whose_queue_is_hidden_does_not_delay_a_hold_ever_more() -> None:
+    case = Case(1024, ANSWERS[0], 1500)
+    slow = FarEnd(case.rx, 1.006 * case.byte_s, case.answers, five_axis_line, lambda _: case.block_s, lambda _: True)
+    late = in_memory(case, far=slow).late_ms()
+    assert max(late) < 6.0
 
 
 def test_lines_of_a_usb_link_are_limited_by_the_window_alone() -> None:
