@@ -33,7 +33,7 @@ DEAD_MAN_S = 0.5
 REACH = ("laser", "power_off", "kill")  # the laser cannot be reached, or nobody is there who could
 CLIENTS = ("a", "b")
 LIKELY: dict[State, tuple[str, ...]] = {
-    State.IDLE: ("start", "start", "start", "start", "jog", "home", "stop"),
+    State.IDLE: ("start",) * 12 + ("jog", "home", "stop"),
     State.UNHOMED: ("home", "home", "unlock"),
     State.RUNNING: ("hold", "abort", "stop"),
     State.PREPARING: ("hold", "abort", "stop"),
@@ -41,6 +41,8 @@ LIKELY: dict[State, tuple[str, ...]] = {
     State.FAULT: ("reset",),
     State.STOPPED: ("reset",),
 }
+BUSY = frozenset({State.RUNNING, State.PREPARING, State.HELD, State.HOLDING, State.RESUMING, State.JOGGING, State.HOMING})
+PASSING = frozenset({State.PREPARING, State.HOLDING, State.RESUMING, State.ABORTING, State.RESETTING, State.HOMING, State.OFFLINE})
 ANY = ("start", "hold", "resume", "abort", "stop", "reset", "home", "unlock", "jog", "take_control", "release_control")
 FAULTS = [row for row in ROWS if not any(text.startswith("+") for text in row.strike) and not row.cnc]
 
@@ -68,23 +70,25 @@ class Walk:
     def choose(self) -> Step:
         """The next step; likelier where the life goes on."""
         dice, state = self.random.random(), self.cell.state
-        if state in LATCHED or state is State.OFFLINE:
-            if self.open and dice < 0.6:
+        if state not in BUSY:
+            if self.open and dice < 0.7:
                 return "mend", self.open[0]
-            if dice < 0.85:
-                return ("command", f"reset {self._client()}") if state in LATCHED else ("wait", "30")
-        if dice < 0.35:
+            if state in LATCHED and dice < 0.9:
+                return "command", f"reset {self._client()}"
+        if state in PASSING and dice < 0.7:
+            return "wait", str(self.random.choice((5, 20, 40)))
+        if dice < (0.3 if state in BUSY else 0.12):
             row = self.random.choice(FAULTS)
             return "fault", row.strike[0] + "".join(f"|{text}" for text in row.mend)
-        if dice < 0.70:
-            verbs = LIKELY.get(state, ANY) if self.random.random() < 0.8 else ANY
+        if dice < (0.55 if state in BUSY else 0.9):
+            verbs = LIKELY.get(state, ANY) if self.random.random() < 0.85 else ANY
             return "command", f"{self.random.choice(verbs)} {self._client()}"
-        if dice < 0.72:
+        if dice < (0.57 if state in BUSY else 0.91):
             return "kill", ""
         return "wait", str(self.random.choice((1, 3, 8, 20)))
 
     def _client(self) -> str:
-        return CLIENTS[0] if self.random.random() < 0.85 else CLIENTS[1]
+        return CLIENTS[self.random.random() > 0.92]
 
     # -- doing ---------------------------------------------------------------------------------------------------------
 
