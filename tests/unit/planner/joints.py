@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 import planner
 import sim
@@ -71,7 +72,7 @@ def joint_at(
     made = made_of(resumed, cell, mesh, cell_mm, start)
     assert resumed.continues is not None
     points = np.vstack([made.surface, whole.surface])
-    more = whole.run.stock.distance(points) - made.run.stock.distance(points)
+    more = np.concatenate([more_metal(made, whole), -more_metal(whole, made)])
     is_near = np.linalg.norm(points - place_of(resumed), axis=1) < resumed.continues.overlap_mm + BEAD_MM
     near, far = more[is_near], more[~is_near]
     return Joint(
@@ -87,6 +88,19 @@ def tip_at(program: Program, line: int, fraction: float) -> Floats:
     tips = program.table["tip_end"]
     before = tips[max(line - 1, 0)]
     return np.asarray(before + fraction * (tips[line] - before))
+
+
+def more_metal(one: Made, other: Made) -> Floats:
+    """(n,) mm: how far each point of one surface stands out of the other, by the fields or by the nearest point, whichever is less.
+
+    The fields of beads are steeper than distances beside flanks; points are no nearer than their pitch where surfaces are the same.
+    """
+    points = one.surface
+    by_field = other.run.stock.distance(points) - one.run.stock.distance(points)
+    assert other.proof.built is not None
+    vertices, facets, _ = other.proof.built
+    nearest = KDTree(np.vstack([vertices, vertices[facets].mean(axis=1)])).query(points)[0]
+    return np.asarray(np.sign(by_field) * np.minimum(np.abs(by_field), nearest))
 
 
 def place_of(resumed: Program) -> Floats:
