@@ -16,7 +16,7 @@ from config.cell import Cell
 from drivers import open_cell, open_cnc
 from drivers.cell_wires import CellDrivers
 from drivers.cnc.driver import CncDriver
-from drivers.errors import DeviceSilent, DriverError
+from drivers.errors import CommandRefused, DeviceFault, DeviceSilent, DriverError
 from drivers.interfaces import Clock
 
 RETRY_S = 1.0
@@ -113,6 +113,7 @@ class Connection:
         assert c.drivers is not None
         self._is_port_open = True
         identity = await c.drivers.cnc.identify()
+        await _read_settings(c.drivers.cnc)
         c.drivers.cnc.query_status()
         c.is_cnc_alive = True
         c.position.connected()
@@ -129,3 +130,11 @@ class Connection:
             self._c.cnc_line = self._c.offline_line = line
             self._c.event("offline", line)
             log.warning("offline", line=line)
+
+
+async def _read_settings(cnc: CncDriver) -> None:
+    """How the control accelerates, for the follower; a control that refuses to tell is followed by the cell file. Raises LinkLost."""
+    try:
+        await cnc.settings()
+    except (CommandRefused, DeviceFault) as error:
+        log.info("settings", line=error.message)

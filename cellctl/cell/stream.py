@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -15,6 +15,7 @@ from cellctl.cell.opened_program import timeline_of, tools_of
 from cellctl.cell.power_share import PowerShare
 from cellctl.cell.program_text import gate_of_lines as gate_of_lines
 from cellctl.cell.set_points import LASER_CHANNELS, Leads, SetPoints
+from cellctl.cell.told_limits import told_limits
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.domain.judge import MotionJudge
 from cellctl.domain.sync import Follower
@@ -51,7 +52,8 @@ class Run:
         schedule = program.schedule
         self._cuts = first_cuts(program)
         self._barriers = np.unique([*schedule["n"][schedule["barrier"] == 1], *self._cuts]).astype(np.int64)
-        self.timeline = timeline_of(program, cell)
+        told = told_limits(drivers.cnc.told_settings, program.axis_letters)
+        self.timeline = replace(timeline_of(program, cell), actual=told)
         period = cell.cnc.status_period_s
         self.follower = Follower(self.timeline, period)
         self.judge = MotionJudge(cell.limits.moving_mm_s, EXPECT_PERIODS * period)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from drivers.cnc import protocol as grbl
 from drivers.cnc.codes import explain_error
@@ -27,6 +29,9 @@ class CncDriver(CncLine):
 
     Awaited commands raise CommandRefused (nothing was sent), DeviceFault (refused by the controller), DeviceSilent, LinkLost.
     """
+
+    told_settings: Mapping[str, str] = MappingProxyType({})
+    """The controller's `$$` as it was last read."""
 
     async def identify(self) -> Identity:
         """Bring the controller to rest, reset it, learn who it is and how much it holds.
@@ -132,7 +137,9 @@ class CncDriver(CncLine):
     async def settings(self) -> dict[str, str]:
         """The controller's settings (`$$`): number -> value, both as text, e.g. {"32": "1"}."""
         pairs = (line[1:].partition("=") for line in await self.command("$$") if line.startswith("$"))
-        return {number: value.split(" ")[0] for number, _, value in pairs}
+        settings = {number: value.split(" ")[0] for number, _, value in pairs}
+        self.told_settings = settings
+        return settings
 
     async def _check_may_command(self, text: str) -> None:
         self._check_port()
