@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from cellctl.cell.behaviour import STEPS
@@ -357,7 +358,9 @@ class Controller:
         assert run is not None
         row = run.row
         kind = {0: "safe", 1: "deposit", 2: "mill"}[run.mode]
+        follower, last = run.follower, run.follower.last
         return JobView(
             run.job, run.name, max(int(row["layer"]), 0), len(run.program.layer_starts) - 1, int(row["operation"]), kind,
             run.executed / max(run.total, 1), self.times.wire.now() - self.run_started_at, run.remaining_s(), outcome,
+            follower.source if last else "", last.arc_mm if last else 0.0, follower.error_mm if isfinite(follower.error_mm) else -1.0,
         )  # fmt: skip

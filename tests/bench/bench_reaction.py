@@ -107,7 +107,15 @@ async def measured(name: str, chosen: str = "") -> list[tuple[Cell, ...]]:
                 if chosen in cause.name:
                     rows.append(await sampled(cell, cause, name, rng))
                     print(*rows[-1], flush=True)
+            if cell.unasked:
+                rows.append((name, "faults that nobody caused", len(cell.unasked), *["-"] * 5, "no", cell.unasked[0]))
+                print(*rows[-1], flush=True)
     return rows
+
+
+def number(value: float) -> Cell:
+    """A figure, or a word where nothing was seen."""
+    return float(value) if np.isfinite(value) else "never"
 
 
 async def sampled(cell: ReactionCell, cause: Cause, name: str, rng: random.Random) -> tuple[Cell, ...]:
@@ -119,7 +127,8 @@ async def sampled(cell: ReactionCell, cause: Cause, name: str, rng: random.Rando
         try:
             await cell.deposit()
             await asyncio.sleep(rng.uniform(0.05, 0.3))
-            await cell.until(cell.is_lit)
+            if not cell.is_lit():
+                await cell.deposit()
             found.append(await cell.react(cause.act, 1e-3 * cause.after_ms + 2.0))
             cause.mend(cell.world)
             await cell.until(lambda: cell.snapshot.state in ("FAULT", "HELD"), 5.0)
@@ -133,8 +142,10 @@ async def sampled(cell: ReactionCell, cause: Cause, name: str, rng: random.Rando
     dark, stop = (np.array(values) for values in zip(*found, strict=True))
     p99 = float(np.percentile(dark, 99))
     is_within = p99 <= bound and not why
+    told = stop[np.isfinite(stop)]
     return (
-        name, cause.name, len(found), float(np.median(dark)), p99, float(dark.max()), float(np.nanmedian(stop)), bound,
+        name, cause.name, len(found), number(np.median(dark)), number(p99), number(dark.max()),
+        number(np.median(told)) if len(told) else "never", bound,
         "yes" if is_within else "no", why or cause.why,
     )  # fmt: skip
 

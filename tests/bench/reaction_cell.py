@@ -26,6 +26,7 @@ from tests.cell.jobs import one_wall
 WITNESS_S = 0.0005  # how often the plant is looked at
 START_S = 60.0
 LONGEST_S = 30.0
+ATTEMPTS = 4
 HOLD, RESET = b"!", b"\x18"
 WHO, WHY = "bench", "bench of reactions"
 
@@ -45,6 +46,7 @@ class ReactionCell:
         self.link = CellLink(folder / "cell.sock", lambda snapshot: None, lambda event: None, lambda: None)
         self._jobs = itertools.count(1)
         self._tasks: list[asyncio.Task[None]] = []
+        self.unasked: list[str] = []  # faults that no cause of ours had
         self.dark_at: float | None = None
         self.stop_byte_at: float | None = None
 
@@ -65,7 +67,7 @@ class ReactionCell:
         loop = asyncio.get_running_loop()
         self._tasks = [loop.create_task(self.sim.run()), loop.create_task(self.link.run()), loop.create_task(self._witness())]
         words = ["--cell", str(self.sim.cell_file), "--run", str(self.folder), "--store", str(self.folder / "store.db"), "--stop-port", "0"]
-        log = (self.folder / "cell.log").open("wb")  # noqa: ASYNC230, SIM115
+        log = (self.folder / "cell.log").open("wb")
         self._process = subprocess.Popen([sys.executable, "-m", "cellctl.cell", *words], stderr=log)  # noqa: ASYNC220
         log.close()
         await self.until(lambda: self.link.snapshot is not None and self.snapshot.state == "IDLE", START_S)
@@ -130,7 +132,17 @@ class ReactionCell:
         return self.world.laser.is_emitting and self.world.tip_speed_mm_s > 5.0 and self.snapshot.state == "RUNNING"
 
     async def deposit(self) -> None:
-        """Bring a job to where light falls on a pass: resume the one that is held, or start another."""
+        """Bring a job to where light falls on a pass; a fault on the way there is counted and reset. Raises TimeoutError."""
+        for _ in range(ATTEMPTS):
+            await self._go_on()
+            await self.until(lambda: self.is_lit() or self.snapshot.state == "FAULT")
+            if self.snapshot.state != "FAULT":
+                return
+            self.unasked += [alarm.cause for alarm in self.snapshot.alarms]
+        raise TimeoutError(f"{ATTEMPTS} faults before a pass: {self.unasked[-1]}")
+
+    async def _go_on(self) -> None:
+        """Reset what is latched; resume the job that is held, or start another."""
         state = self.snapshot.state
         if state in ("FAULT", "STOPPED"):
             await self.command("reset")
@@ -144,7 +156,6 @@ class ReactionCell:
             job = f"job-{next(self._jobs)}"
             write_program(one_wall(self.sim.cell, layers=40, mill=False), self.folder / job)
             await self.command("start", job=job, name=job, program=str(self.folder / job))
-        await self.until(self.is_lit)
 
     async def react(self, act: Callable[[World], None], limit_s: float) -> tuple[float, float]:
         """Set a cause now; ms until the laser is off at the plant, and until the CNC has a hold or reset byte (NaN: none came)."""
