@@ -10,6 +10,7 @@ TFD_NONBLOCK = 0o4000
 TFD_CLOEXEC = 0o2000000
 TFD_TIMER_ABSTIME = 1
 NS = 1_000_000_000
+LEAST_S = 1e-9  # zero would disarm it
 
 
 class _Timespec(ctypes.Structure):
@@ -39,7 +40,7 @@ class OneShot:
 
     def set(self, at: float) -> None:
         """Go off at `at` (s, CLOCK_MONOTONIC; now, if that is past) instead of whenever it would have."""
-        self._value.tv_sec, self._value.tv_nsec = divmod(max(1, int(at * NS)), NS)
+        self._value.tv_sec, self._value.tv_nsec = divmod(int(max(at, LEAST_S) * NS), NS)
         self._settime(self.fd, TFD_TIMER_ABSTIME, self._address, None)
 
     def close(self) -> None:

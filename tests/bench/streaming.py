@@ -114,9 +114,10 @@ class Outcome:
         return [1e3 * (there - here) for here, there in zip(self.asked, told, strict=True)]
 
 
-def serve(case: Case, master: int, pipe: Connection) -> None:
+def serve(case: Case, master: int, pipe: Connection, is_urgent: bool) -> None:
     """The far end's process, urgent as hardware is."""
-    be_urgent()
+    if is_urgent:
+        be_urgent()
     far = case.far_end()
     poller = select.poll()
     poller.register(master, select.POLLIN)
@@ -138,16 +139,17 @@ def serve(case: Case, master: int, pipe: Connection) -> None:
                 return
 
 
-def over_a_wire(case: Case, near: Callable[[Case, str, Connection], tuple[float, float, list[float]]]) -> Outcome:
-    """Run `near` against the far end in its own process, over a pseudo-terminal."""
+def over_a_wire(case: Case, near: Callable[[Case, str, Connection], tuple[float, float, list[float]]], is_urgent: bool = True) -> Outcome:
+    """Run `near` against the far end in its own process, over a pseudo-terminal. is_urgent : both ask for the cell process's scheduler."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     here, there = multiprocessing.Pipe()
-    process = multiprocessing.get_context("fork").Process(target=serve, args=(case, master, there), daemon=True)
+    process = multiprocessing.get_context("fork").Process(target=serve, args=(case, master, there, is_urgent), daemon=True)
     process.start()
     ordinary = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        be_urgent()
+        if is_urgent:
+            be_urgent()
         seconds, cpu_s, asked = near(case, os.ttyname(slave), here)
         here.send("end")
         counts = here.recv()
