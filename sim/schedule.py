@@ -215,6 +215,8 @@ class IdealController:
         elif channel == facts.POWDER_G_MIN:
             self.powder_setpoint = value
             feeder["rate_setpoint"] = value
+            if "diverter" in feeder:
+                feeder["diverter"] = float(value <= 0.0)
         elif channel == facts.CARRIER_GAS_L_MIN:
             feeder["carrier_gas_setpoint"] = value
         elif channel == facts.SHIELD_GAS_L_MIN:

@@ -15,6 +15,8 @@ from drivers.modbus.device import DeviceClient
 SAFE, DEPOSIT, MILL = 0, 1, 2
 HEAD_TIMEOUT_S = 10.0  # a slide takes a second or two
 LASER_TIMEOUT_S = 2.0
+FLOW_STEADY_S = 0.1  # a read-back within its band so long is no passing value
+DIVERTER_S = 0.25  # a diverter switches within 0.2 s
 GAS_TIMEOUT_S = 5.0
 GAS_TOLERANCE = 0.15  # relative; gas only has to flow
 NO_POWDER_G_MIN = 0.2  # a feeder's read-back at rest
@@ -120,6 +122,12 @@ class Modes:
         """What every way back begins with: a dark laser, and no powder."""
         return [self.laser_off("the way back"), self.powder_off()]
 
+    def stand_down(self, mode: int, *, is_idle: bool) -> list[Step]:
+        """What undoes a mode that an earlier sequence had set up. is_idle : whether the CNC stands and takes a command"""
+        if mode == DEPOSIT:
+            return [self.gas_off(), self.park()]
+        return [self._cnc.spindle_off()] if mode == MILL and is_idle else []
+
     # -- single changes to the safe side -------------------------------------------------------------------------------
 
     def laser_off(self, purpose: str) -> Step:
@@ -205,9 +213,9 @@ class Modes:
             f"waiting for powder to flow at {g_min:g} g/min" if g_min > 0 else "waiting for powder to stop",
             lambda: abs(feeder.rate_readback_g_min - g_min) <= band,
             limits.powder_settle_timeout_s,
-            act=self._once(lambda: feeder.set_rate(g_min), self._powdered),
+            act=self._once(lambda: feeder.set_rate(g_min), self._powdered, *([lambda: feeder.divert(False)] if g_min > 0 else [])),
             age_s=lambda: feeder.age_s,
-            must_last_s=0.1,
+            must_last_s=self._steady_s(g_min),
             code="powder_flow",
             detail=lambda: (
                 f"{feeder.rate_readback_g_min:.1f} of {g_min:g} g/min after {limits.powder_settle_timeout_s:g} s"
@@ -223,6 +231,12 @@ class Modes:
             detail=lambda: f"{feeder.rate_readback_g_min:.1f} g/min read back though it is shut",
         )
         return [gone, flow]
+
+    def _steady_s(self, g_min: float) -> float:
+        """How long a read-back has to be steady before powder is so at the nozzle: a diverter switches, a sensor at the feeder knows no hose."""
+        client, response = self._d.feeder.client, self._cell.response
+        hose_s = response.powder_delay_s + 3.0 * response.powder_settle_s if client.device.flow_sensed_at == "feeder" and g_min > 0 else 0.0
+        return max(FLOW_STEADY_S, hose_s, DIVERTER_S if self._d.feeder.has_diverter else 0.0)
 
     def gas(self, carrier: bool, l_min: float) -> Step:
         """Set carrier or shield gas and wait until it flows."""

@@ -1,0 +1,117 @@
+"""Set-points at their arc length: light against the plant's position, power against speed, powder at passes' begin, dwells kept."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+from collections.abc import Coroutine
+from pathlib import Path
+
+import numpy as np
+
+from planner.program import Program
+from tests.bench.sync_by_wire import by_wire
+from tests.bench.sync_edges import Light, edge_errors_mm, rows_program
+from tests.bench.sync_memory import SLOW_S, FineCell, cell_of
+from tests.bench.table import Cell, Table
+from tests.cell.jobs import POWDER_G_MIN, POWER_W
+
+Seen = tuple[Program, Light, float]
+ROWS = 12
+DWELL_S = 0.4
+EDGES = ("far end", "gate", "feed mm/s", "answers after ms", "edges", "on p50", "on p99", "off p50", "off p99", "greatest mm", "learnt ms")
+IN_MEMORY = (
+    *(("trunnion_tcp", gate, feed, 0.001, 0.0) for gate in (True, False) for feed in (5.0, 10.0, 15.0, 20.0)),
+    ("trunnion_tcp", False, 15.0, 0.010, 0.0),
+    ("trunnion_tcp", False, 15.0, 0.040, 0.0),
+    ("trunnion_tcp", False, 15.0, 0.005, 0.010),
+    ("trunnion_rtu", False, 15.0, 0.004, 0.002),
+)  # cell, gate in the stream, feed, delay and jitter of laser's and feeder's answers
+BY_WIRE = (
+    ("trunnion_tcp", True, 15.0, 0.0, 0.0), ("trunnion_tcp", False, 15.0, 0.0, 0.0),
+    ("trunnion_tcp", False, 15.0, 0.010, 0.0), ("trunnion_rtu", False, 15.0, 0.0, 0.0),
+)  # fmt: skip
+
+
+async def in_memory(
+    name: str, gate: bool, feed: float, delay_s: float, jitter_s: float, *, dwell_s: float = 0.0, override: int = 100, ramp_s: float | None = None
+) -> Seen:
+    """The Program, the plant's light and what was learnt of switching on (s). ramp_s : of the plant's laser, which no map knows of"""
+    with tempfile.TemporaryDirectory() as place:
+        cell = FineCell(Path(place) / "s.db", cell_of(name, Path(place), gate=gate, slow=delay_s + jitter_s > SLOW_S), delay_s, jitter_s)
+        if ramp_s is not None:
+            cell.sim.laser.ramp_s = ramp_s
+        async with cell:
+            program = rows_program(cell.facts, rows=ROWS, feed_mm_s=feed, dwell_s=dwell_s)
+            if override != 100:
+                cell.sim.cnc.receive(b"\x90" + b"\x92" * ((100 - override) // 10))
+            await cell.build(program)
+            assert cell.controller.drivers is not None
+            return program, cell.light, cell.controller.drivers.laser.client.latency.on.value_s
+
+
+def edge_row(where: str, gate: bool, feed: float, delay_s: float, jitter_s: float, seen: Seen) -> tuple[Cell, ...]:
+    """One line of the table of edges."""
+    program, light, learnt_s = seen
+    on, off = (np.array(each) for each in edge_errors_mm(program, light))
+    answers = f"{1e3 * delay_s:g}" + (f" to {1e3 * (delay_s + jitter_s):g}" if jitter_s else "")
+    figures = [float(np.percentile(each, q)) for each in (on, off) for q in (50, 99)]
+    return where, "stream" if gate else "Modbus", feed, answers, len(on) + len(off), *figures, float(np.abs(np.r_[on, off]).max()), 1e3 * learnt_s
+
+
+def tried(where: str, gate: bool, feed: float, delay_s: float, jitter_s: float, work: Coroutine[None, None, Seen]) -> tuple[Cell, ...]:
+    """The line of one run; a run that failed says why."""
+    try:
+        return edge_row(where, gate, feed, delay_s, jitter_s, asyncio.run(work))
+    except (AssertionError, TimeoutError) as error:
+        return where, "stream" if gate else "Modbus", feed, f"{1e3 * delay_s:g}", 0, *["-"] * 5, f"failed: {str(error)[:80]}"
+
+
+async def wired(name: str, gate: bool, feed: float, delay_s: float, jitter_s: float) -> Seen:
+    """The same by pty and Modbus, the plant in a process of its own."""
+    with tempfile.TemporaryDirectory() as place:
+        program, light, last = await by_wire(
+            Path(place), name, gate=gate, rows=ROWS, feed_mm_s=feed, delay_s=delay_s, jitter_s=jitter_s
+        )
+        return program, light, last.laser.latency.on_s
+
+
+def power_rows() -> list[tuple[Cell, ...]]:
+    """Emission over set power against speed over feed, while light is well on; powder while there is light."""
+    rows: list[tuple[Cell, ...]] = []
+    for override in (100, 70, 50):
+        _, light, _ = asyncio.run(in_memory("trunnion_tcp", False, 15.0, 0.001, 0.0, override=override))
+        seen = np.array(light.moving)
+        is_well_on = seen[:, 2] > 0.2 * POWER_W * override / 100.0
+        share, speed = seen[is_well_on, 2] / POWER_W, np.minimum(seen[is_well_on, 1] / 15.0, 1.0)
+        off = 100.0 * np.abs(share / speed - 1.0)
+        powder = 100.0 * np.abs(seen[:, 3] / POWDER_G_MIN - 1.0)
+        rows.append((override, float(np.percentile(off, 50)), float(np.percentile(off, 95)), float(np.percentile(off, 99)), float(powder.max())))
+    return rows
+
+
+def dwell_rows() -> list[tuple[Cell, ...]]:
+    """Time without light between passes with a dwell, less that without one, against the dwell."""
+    gaps = []
+    for dwell_s in (0.0, DWELL_S):
+        _, light, _ = asyncio.run(in_memory("trunnion_tcp", False, 15.0, 0.001, 0.0, dwell_s=dwell_s))
+        times = [at for _, at, _ in light.edges]
+        gaps.append(np.array(times[2::2]) - np.array(times[1:-1:2]))
+    longer_ms = 1e3 * (gaps[1] - gaps[0] - DWELL_S)
+    return [(1e3 * DWELL_S, len(longer_ms), float(longer_ms.min()), float(np.median(longer_ms)), float(longer_ms.max()))]
+
+
+def run() -> list[Table]:
+    """All of it."""
+    rows = [tried(f"{one[0]}, memory", *one[1:], in_memory(*one)) for one in IN_MEMORY]
+    slow = in_memory("trunnion_tcp", False, 15.0, 0.001, 0.0, ramp_s=0.015)
+    rows.append(tried("laser with a ramp of 15 ms, memory", False, 15.0, 0.001, 0.0, slow))
+    rows += [tried(f"{one[0]}, wire", *one[1:], wired(*one)) for one in BY_WIRE]
+    note = "mm along the pass, late is positive; the plant's trace, light at half power; nothing of the far end's latency is in the register map"
+    power = ("override %", "off p50 %", "off p95 %", "off p99 %", "powder off at most %")
+    dwell = ("dwell ms", "gaps", "longer by at least ms", "median ms", "at most ms")
+    return [
+        Table("Light at its arc length", EDGES, rows, note),
+        Table("Power against speed", power, power_rows(), "Modbus level, 15 mm/s; ramps of light at the passes' ends included"),
+        Table("Dwells", dwell, dwell_rows(), "dark time between passes"),
+    ]

@@ -1,0 +1,33 @@
+"""Light against what the Program asks for, where the gate stands in the stream and nobody reads it back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellctl.domain.states import State
+from tests.cell.harness import CellUnderTest
+from tests.cell.jobs import one_wall
+
+
+async def test_a_gate_that_stays_shut_in_a_pass_holds_the_job_with_its_cause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with CellUnderTest(tmp_path / "s.db") as cell:
+        await cell.deposit(layers=1, mill=False)
+        monkeypatch.setattr(cell.sim, "_gates", lambda pieces: np.zeros(len(pieces)))
+        await cell.forward(until=lambda: "dark_pass" in cell.latched, seconds=1.5)
+        assert cell.state is State.FAULT
+
+
+async def test_light_behind_a_gate_that_stays_open_is_found_though_the_permit_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with CellUnderTest(tmp_path / "s.db") as cell:
+        reply = await cell.start(one_wall(cell.facts, layers=1, mill=False))
+        assert reply.ok
+        await cell.hurry(cell.is_depositing)
+        monkeypatch.setattr(cell.sim, "_gates", lambda pieces: np.ones(len(pieces)))
+        await cell.forward(until=lambda: "laser_emitting" in cell.latched, seconds=6.0)
+        await cell.forward(ticks=5)
+        assert cell.is_dark
