@@ -41,11 +41,12 @@ class Made:
 class Joint:
     """Differences of the resumed part's surface from the uninterrupted one, mm, metal more > 0, near the place and elsewhere.
 
-    volume_mm3 : of metal deposited more   overlap_mm : run again   extra_s : that interrupting and resuming took longer
+    start : the stock when it was resumed   volume_mm3 : of metal deposited more   overlap_mm : run again   extra_s : that interrupting and resuming took longer
     """
 
     made: Made
     resumed: Program
+    start: Standing
     high_mm: float
     low_mm: float
     far_high_mm: float
@@ -76,7 +77,7 @@ def joint_at(
     is_near = np.linalg.norm(points - place_of(resumed), axis=1) < resumed.continues.overlap_mm + BEAD_MM
     near, far = more[is_near], more[~is_near]
     return Joint(
-        made, resumed,
+        made, resumed, start,
         float(near.max(initial=0.0)), float(near.min(initial=0.0)), float(far.max(initial=0.0)), float(far.min(initial=0.0)),
         made.proof.deposited_mm3 - whole.proof.deposited_mm3, resumed.continues.overlap_mm,
         start.time_s + made.proof.duration_s - whole.proof.duration_s,
