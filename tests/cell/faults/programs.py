@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import lru_cache
 
 from config.cell import Cell
 from planner.program import Channel, LineKind, Program
 from tests.cell.jobs import Writer, mill_pass, one_wall
+
+TOOL_CHANGE = re.compile(r"M6 T\d+")
 
 
 def wall(cell: Cell) -> Program:
@@ -27,7 +31,11 @@ def face(cell: Cell) -> Program:
 @lru_cache(maxsize=8)
 def program_for(situation: str, cell_name: str, cell: Cached) -> Program:
     """Program of a situation, made once per cell file. cell : wrapped, because facts do not hash."""
-    return face(cell.facts) if situation == "milling" else wall(cell.facts)
+    program = face(cell.facts) if situation == "milling" else wall(cell.facts)
+    if cell.facts.cnc.firmware != "grbl":
+        return program
+    lines = tuple(TOOL_CHANGE.sub("G90", line) for line in program.lines)  # grbl has no changer and tells no tool
+    return replace(program, lines=lines)
 
 
 class Cached:
