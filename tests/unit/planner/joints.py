@@ -41,7 +41,8 @@ class Made:
 class Joint:
     """Differences of the resumed part's surface from the uninterrupted one, mm, metal more > 0, near the place and elsewhere.
 
-    start : the stock when it was resumed   volume_mm3 : of metal deposited more   overlap_mm : run again   extra_s : that interrupting and resuming took longer
+    start : the stock when it was resumed   volume_mm3 : of metal deposited more   overlap_mm : run again
+    extra_s : that interrupting and resuming took longer
     """
 
     made: Made
