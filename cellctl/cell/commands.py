@@ -163,6 +163,8 @@ class Commands:
         check_devices(drivers)
         check_cnc(drivers)
         check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
+        if c.cell.cnc.laser_gate_output is not None:  # a reset keeps outputs: a job that ended in a pass has left its gate open
+            await drivers.cnc.command(f"M65 P{c.cell.cnc.laser_gate_output}")
         self._check_table(command)
         self._check_start(stops)
         c.found.jobs.add(job)
@@ -283,7 +285,7 @@ class Commands:
         if d is None or not self._c.is_cnc_alive or self._c.state not in (S.IDLE, S.UNHOMED):
             return False
         return bool(
-            d.laser.faults or d.feeder.faults or (d.cnc.status is not None and d.cnc.status.state in ("Hold", "Door"))
+            d.laser.faults or d.feeder.faults or (d.cnc.status is not None and d.cnc.status.state in ("Hold", "Door", "Alarm"))
         )
 
     # -- by hand -------------------------------------------------------------------------------------------------------

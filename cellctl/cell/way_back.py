@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from cellctl.cell.modes import SAFE
 from cellctl.cell.transaction import Rollback
 from cellctl.domain.states import State
 
@@ -23,7 +24,10 @@ def begin_way_back(c: Controller, failed: str) -> None:
         return
     if c.run is not None:
         c.run.transaction = None
-    c.way_back = Rollback(c.modes.back(), broken, failed, lambda: why_not_move(c))
+    status = c.drivers.cnc.status
+    is_idle = c.is_cnc_alive and status is not None and status.is_idle
+    last = c.modes.stand_down(c.run.mode if c.run is not None else SAFE, is_idle=is_idle)
+    c.way_back = Rollback(c.modes.back(), broken, last, failed, lambda: why_not_move(c))
 
 
 def why_not_move(c: Controller) -> str:

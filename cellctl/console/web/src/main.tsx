@@ -6,6 +6,7 @@ import { Live } from "./api/live";
 import { RequestError } from "./api/http";
 import { App } from "./frame/App";
 import { isConnected, lastSeq, take, takeEvents } from "./state/cell";
+import { keepPresent } from "./state/control";
 import { readJobs, takeJob } from "./state/jobs";
 import { followPlan } from "./state/plan";
 import { restore, session } from "./state/session";
@@ -54,6 +55,7 @@ effect(() => {
   }
 });
 followPlan();
+keepPresent();
 void begin();
 
 const root = document.getElementById("app");

@@ -12,10 +12,22 @@ export class RequestError extends Error {
   }
 }
 
+/** By which the cell tells this page from others; a page that is loaded again keeps it. */
+export const clientId = kept("cellctl.client", () => newKey("console").slice(0, 14));
+
+function kept(key: string, make: () => string): string {
+  const known = sessionStorage.getItem(key);
+  if (known) return known;
+  const made = make();
+  sessionStorage.setItem(key, made);
+  return made;
+}
+
 async function checked(path: string, init: RequestInit): Promise<Response> {
   let answer: Response;
+  const headers = { ...(init.headers as Record<string, string> | undefined), "X-Client-Id": clientId };
   try {
-    answer = await fetch(`/api/v1${path}`, { credentials: "same-origin", ...init });
+    answer = await fetch(`/api/v1${path}`, { credentials: "same-origin", ...init, headers });
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw error;
     throw new RequestError(0, { title: words.problems.noAnswer, detail: words.problems.noAnswerDetail });

@@ -77,6 +77,14 @@ export interface Alarm {
   remedy: string;
 }
 
+export interface Control {
+  holder: string;
+  client: string;
+  since: number;
+  seen_at: number;
+  absent: boolean;
+}
+
 export interface JobView {
   id: string;
   name: string;
@@ -121,6 +129,9 @@ export interface Snapshot {
   permissives: Permissive[];
   alarms: Alarm[];
   tick: TickView;
+  control: Control | null;
+  table: { disturbed_at: number; because: string };
+  position: string;
 }
 
 export interface CellEvent {

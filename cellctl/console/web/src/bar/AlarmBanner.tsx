@@ -2,7 +2,7 @@
 import { useRef } from "preact/hooks";
 import { command, isStale, pending, snapshot } from "../state/cell";
 import { isLatched } from "../state/meaning";
-import { isOperator } from "../state/session";
+import { mayCommand, whyNot } from "../state/control";
 import { words } from "../words/en";
 import { clock } from "../words/format";
 import { Sign } from "./Signs";
@@ -47,7 +47,7 @@ function Reset() {
   return (
     <form class="reset" onSubmit={reset}>
       <input ref={reason} maxLength={500} placeholder={words.bar.reason} aria-label={words.bar.reason} />
-      <button type="submit" class="control reset-button" disabled={!isOperator.value || isStale.value || pending.value.has("reset")}>
+      <button type="submit" class="control reset-button" title={whyNot.value} disabled={!mayCommand.value || isStale.value || pending.value.has("reset")}>
         <Sign name="reset" />
         {say.reset}
       </button>

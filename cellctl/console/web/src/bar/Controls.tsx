@@ -2,7 +2,7 @@
 import { signal, type ReadonlySignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { command, isStale, pending, snapshot } from "../state/cell";
-import { isOperator } from "../state/session";
+import { mayCommand, whyNot } from "../state/control";
 import { words } from "../words/en";
 import { Sign } from "./Signs";
 
@@ -17,21 +17,21 @@ const CAN: Record<string, readonly string[]> = {
 
 function can(verb: string): boolean {
   const state = snapshot.value?.state ?? "";
-  return isOperator.value && !isStale.value && !pending.value.has(verb) && (CAN[verb]?.includes(state) ?? false);
+  return mayCommand.value && !isStale.value && !pending.value.has(verb) && (CAN[verb]?.includes(state) ?? false);
 }
 
 export function Controls() {
   return (
     <div class="controls" role="group" aria-label={say.controls}>
-      <button type="button" class="control hold" disabled={!can("hold")} onClick={() => void command("hold", say.held)}>
+      <button type="button" class="control hold" title={whyNot.value} disabled={!can("hold")} onClick={() => void command("hold", say.held)}>
         <Sign name="hold" />
         {say.hold}
       </button>
-      <button type="button" class="control resume" disabled={!can("resume")} onClick={() => void command("resume", say.resumed)}>
+      <button type="button" class="control resume" title={whyNot.value} disabled={!can("resume")} onClick={() => void command("resume", say.resumed)}>
         <Sign name="run" />
         {say.resume}
       </button>
-      <button type="button" class="control abort" disabled={!can("abort")} aria-expanded={asksAbort.value} onClick={() => (asksAbort.value = true)}>
+      <button type="button" class="control abort" title={whyNot.value} disabled={!can("abort")} aria-expanded={asksAbort.value} onClick={() => (asksAbort.value = true)}>
         <Sign name="abort" />
         {say.abort}
       </button>

@@ -2,6 +2,7 @@
 import { signal } from "@preact/signals";
 import { AlarmBanner } from "../bar/AlarmBanner";
 import { Bar } from "../bar/Bar";
+import { Control } from "../bar/Control";
 import { Jobs } from "../jobs/Jobs";
 import { EventLog } from "../log/EventLog";
 import { Machine } from "../machine/Machine";
@@ -23,6 +24,7 @@ export function App() {
   return (
     <div class="frame">
       <Bar />
+      <Control />
       <AlarmBanner />
       <main class="content">
         <div class="left">

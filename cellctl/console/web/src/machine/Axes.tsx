@@ -1,7 +1,8 @@
 // Axes in machine and work coordinates, and homing.
+import { useRef } from "preact/hooks";
 import { command, isStale, pending, snapshot } from "../state/cell";
 import { facts } from "../state/plan";
-import { isOperator } from "../state/session";
+import { mayCommand, whyNot } from "../state/control";
 import { words } from "../words/en";
 import { fixed } from "../words/format";
 
@@ -41,16 +42,41 @@ export function Axes() {
 
 function Homing() {
   const state = snapshot.value?.state ?? "";
-  if (state !== "UNHOMED" && state !== "HOMING") return null;
-  const off = !isOperator.value || isStale.value || state === "HOMING";
+  const suspect = snapshot.value?.position ?? "";
+  if (state !== "UNHOMED" && state !== "HOMING") return suspect && state === "IDLE" ? <Suspect why={suspect} /> : null;
+  const off = !mayCommand.value || isStale.value || state === "HOMING";
   return (
     <div class="row">
-      <button type="button" class="control" disabled={off || pending.value.has("home")} onClick={() => void command("home", say.homeBecause)}>
+      <button type="button" class="control" title={whyNot.value} disabled={off || pending.value.has("home")} onClick={() => void command("home", say.homeBecause)}>
         {say.home}
       </button>
-      <button type="button" class="control" disabled={off || pending.value.has("unlock")} onClick={() => void command("unlock", say.unlockBecause)}>
+      <button type="button" class="control" title={whyNot.value} disabled={off || pending.value.has("unlock")} onClick={() => void command("unlock", say.unlockBecause)}>
         {say.unlock}
       </button>
     </div>
+  );
+}
+
+/** The position is not to be trusted: home, or vouch for it with a reason. */
+function Suspect({ why }: { why: string }) {
+  const reason = useRef<HTMLInputElement>(null);
+  const off = !mayCommand.value || isStale.value;
+  const confirm = (event: Event) => {
+    event.preventDefault();
+    void command("confirm_position", reason.current?.value.trim() ?? "");
+  };
+  return (
+    <form class="suspect" onSubmit={confirm}>
+      <p role="alert">{say.suspect(why)}</p>
+      <div class="row">
+        <button type="button" class="control" title={whyNot.value} disabled={off} onClick={() => void command("home", say.homeBecause)}>
+          {say.home}
+        </button>
+        <input ref={reason} maxLength={500} required placeholder={say.confirmReason} aria-label={say.confirmReason} />
+        <button type="submit" class="control" title={whyNot.value} disabled={off}>
+          {say.confirm}
+        </button>
+      </div>
+    </form>
   );
 }
