@@ -14,9 +14,10 @@ from cellctl.cell.light_watch import LightWatch
 from cellctl.cell.modes import Modes
 from cellctl.cell.quiesce import Quiesce
 from cellctl.cell.reacting import react
-from cellctl.cell.record import END, PROGRESS, SAMPLE, Found, Journal, Sample
+from cellctl.cell.record import END, Found, Journal
 from cellctl.cell.retract import Retract
 from cellctl.cell.safety import Senses, Situation, Told
+from cellctl.cell.sampling import Sampling
 from cellctl.cell.stream import Run
 from cellctl.cell.surroundings import Position, TableWatch
 from cellctl.cell.tip import TipFinder
@@ -98,8 +99,7 @@ class Controller:
         self.way_back: Rollback | None = None  # of a guarded sequence that a fault broke off
         self.retract = Retract(self)
         self.powder_until: float | None = None  # wire time at which powder that a reaction let flow on is shut
-        self._layer = -1
-        self._sampled_at = 0.0
+        self._sampling = Sampling(self)
         self._recover()
 
     # -- wires ---------------------------------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ class Controller:
             self.hand.lock(error.message)
         self._decide(now)
         note(self, now)
-        self._sample(now)
+        self._sampling.take(now)
 
     def act(self, now: float) -> None:
         """Between two ticks: carry out what is due at its own time, and give or take the permit by the levels as they stand."""
@@ -316,32 +316,6 @@ class Controller:
                 self.fault("cnc_reset", event.banner)
         elif isinstance(event, Message):
             self.event("cnc", event.text)
-
-    def _sample(self, now: float) -> None:
-        """Journal the run with every status report, and each layer's beginning."""
-        run, drivers = self.run, self.drivers
-        if run is None or drivers is None:
-            return
-        status = drivers.cnc.status
-        is_told = status is not None and status.at > self._sampled_at
-        if not is_told and now - self._sampled_at < 2.0 * self.cell.cnc.status_period_s:
-            return
-        self._sampled_at = now
-        last, layer = run.follower.last, int(run.row["layer"])
-        if layer != self._layer:
-            self._layer = layer
-            self.event(
-                "layer", f"layer {layer + 1} of {len(run.program.layer_starts) - 1}", {"layer": layer, "line": run.line}
-            )
-        tip = run.timeline.tip_at(last.line, last.fraction)[0] if last else run.timeline.tip_end[0]
-        laser, feeder = drivers.laser, drivers.feeder
-        sample = Sample(
-            self.times.unix(), run.job, self.state.value, run.executed, layer, last.arc_mm if last else 0.0,
-            laser.power_setpoint_w, laser.power_readback_w, feeder.rate_setpoint_g_min, feeder.rate_readback_g_min,
-            (float(tip[0]), float(tip[1]), float(tip[2])),
-        )  # fmt: skip
-        self.journal.write(SAMPLE, sample.row)
-        self.journal.write(PROGRESS, (run.executed, run.job))
 
     # -- views ---------------------------------------------------------------------------------------------------------
 

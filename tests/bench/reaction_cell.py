@@ -122,7 +122,7 @@ class ReactionCell:
     async def command(self, verb: str, **args: Any) -> None:
         """A command, tried again until it is accepted or LONGEST_S are over."""
         until = time.monotonic() + LONGEST_S
-        while not (reply := await self.link.command(verb, WHO, WHY, args)).ok:
+        while not (reply := await self.link.command(verb, WHO, WHY, args, timeout_s=LONGEST_S)).ok:
             if time.monotonic() > until:
                 raise TimeoutError(f"{verb}: {reply.error}")
             await asyncio.sleep(0.05)
