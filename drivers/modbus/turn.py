@@ -9,6 +9,7 @@ from drivers.interfaces import Clock
 
 GUARD_S = 0.001  # between the end of a read that may still begin and the write that is due
 LATE_S = 0.02  # a write that was told to come and is this late holds the line no longer
+SENSES_APART = 4.0  # times what a reading takes: nearer to its stale limit it is not put off for contacts of another device
 HELD_MAX_S = 0.15  # a line is kept free no longer than this at a time: readings must not grow stale for it
 
 
@@ -68,7 +69,8 @@ class Turn:
         patience_s : a read that would have to wait longer than that goes at once, whatever is due
         What `talker` itself wants written is for itself to look after: its `wake` is set then.
         """
-        await self.let_others_sense(talker)
+        if patience_s > SENSES_APART * takes_s:  # else this reading is as urgent as contacts are
+            await self.let_others_sense(talker)
         until = self._clock.now() + min(patience_s, HELD_MAX_S)
         while True:
             await self.let_others_write(talker)

@@ -83,7 +83,7 @@ async def _job(place: Path, cell: Cell, rows: int, feed_mm_s: float) -> tuple[Pr
                 if snapshot.job is not None and snapshot.job.outcome:
                     assert snapshot.job.outcome == "completed", [alarm.cause for alarm in snapshot.alarms]
                     return program, snapshot
-                assert snapshot.state != "FAULT", [alarm.cause for alarm in snapshot.alarms]
+                assert snapshot.state != "FAULT", ([alarm.cause for alarm in snapshot.alarms], snapshot.laser, snapshot.tick)
     finally:
         writer.close()
         await writer.wait_closed()
