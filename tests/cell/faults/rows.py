@@ -188,8 +188,9 @@ def _device_rows(device: str, code: str, word: str) -> tuple[Row, ...]:
         standing = "laser" if device == "laser" else "request"
         return Row(f"{device} {name}", (strike,), (mend,) if mend else (), codes, words, must, bound, standing)
 
+    gone = row("gone, connection refused", f"modbus_gone {device}")  # on an RTU line all its devices are
     return (
-        row("gone, connection refused", f"modbus_gone {device}"),
+        replace(gone, codes=codes | {"laser_silent", "feeder_silent", "io_silent"}, words=("laser", "feeder", "I/O")),
         row("silent", f"modbus_silent {device}"),
         row("slow, 0.3 s", f"modbus_slow {device} 0.3"),
         row("slow, 0.05 s", f"modbus_slow {device} 0.05", must=frozenset(), bound=""),
