@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
 
 S, T = State, Trigger
+UNLOCKED_S = 1.0  # a few status periods
 BY_HAND = (S.HOMING, S.JOGGING)
 log = structlog.get_logger()
 
@@ -48,10 +49,19 @@ class ByHand:
         """Leave the CNC's alarm without homing; the position is suspect from then on."""
         c = self._c
         check_devices(drivers, for_job=False)
+        asked_at = c.times.wire.now()
         await drivers.cnc.unlock()
+        await drivers.cnc.wait_until(lambda: self._is_unlocked(drivers, asked_at), UNLOCKED_S)
+        if not self._is_unlocked(drivers, asked_at):
+            raise Refused("unlock: the CNC is still locked", "remove what locks it, reset, then home or unlock it")
         after(c.state, T.UNLOCK)
         c.position.suspect("the machine was unlocked without homing")
         c.go(T.UNLOCK, command.because or "unlocked without homing")
+
+    @staticmethod
+    def _is_unlocked(drivers: CellDrivers, since: float) -> bool:
+        status = drivers.cnc.status
+        return status is not None and status.at > since and status.state != "Alarm"
 
     def confirm_position(self, command: Command) -> None:
         """A person vouches for the position that the CNC tells. Raises Refused without a reason or outside of rest."""

@@ -160,8 +160,11 @@ class RunningCell:
                     alarms = "; ".join(alarm["cause"] for alarm in snapshot["alarms"])
                     seen = f"{snapshot['state']} because {snapshot['because']}; alarms: {alarms or 'none'}"
                     if snapshot["state"] == "IDLE" and not snapshot["alarms"]:
+                        client.take_control("the next test begins")
+                        client.release_control()
                         return
                     if (verb := NEXT_VERB.get(snapshot["state"])) is not None:
+                        client.take_control("the next test begins")
                         client.command(verb, "the next test begins")
                 except ServiceError as error:  # a reset while it comes to rest, a service that starts again: next time
                     seen = f"{seen}; {error.message}"
