@@ -26,6 +26,7 @@ from tests.bench.table import Table
 from tests.cell.jobs import Writer
 
 BAUD = 115_200
+CLIENT = "bench"
 CONSOLES = 20
 UPLOAD_BYTES = 200_000_000 - 4096
 CHUNK = 1 << 20
@@ -89,7 +90,7 @@ class Hand:
         reader, writer = await asyncio.open_unix_connection(self.service.run / "cell.sock")
         writer.write(encode(Hello(PROTOCOL, "bench")))
         args = {"job": job, "name": job, "program": str(program)}
-        writer.write(encode(Command(f"start-{job}", "start", "operator", "bench", args)))
+        writer.write(encode(Command(f"start-{job}", "start", "operator", "bench", args, client=f"operator/{CLIENT}")))
         while not isinstance(message := await read_message(reader), Reply):
             pass
         writer.close()
@@ -205,7 +206,7 @@ def delays(asked: list[tuple[float, float]], arrived: list[float]) -> list[float
 
 async def measure(service: Served, program: Path, is_loaded: bool) -> list[tuple[str, int, float, float, float, float]]:
     """Rows of holds and stops with or without load."""
-    headers = {"Authorization": f"Bearer {service.token}"}
+    headers = {"Authorization": f"Bearer {service.token}", "X-Client-Id": CLIENT}
     async with httpx.AsyncClient(base_url=service.url, headers=headers, trust_env=False, timeout=TIMEOUT_S) as client:
         hand = Hand(service, client)
         watching = asyncio.create_task(hand.watch())

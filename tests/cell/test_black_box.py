@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import random
 
+import numpy as np
 import pytest
 
 from cellctl.cell.black_box import BlackBox, Moment
+from cellctl.cell.program_text import gate_of_lines
 from cellctl.domain.messages import Event
+from cellctl.domain.states import State
 from tests.cell.harness import CellUnderTest
+from tests.cell.jobs import one_wall
 
 EXECUTED_MM = 0.5
 METAL_MM = 1.0
@@ -66,3 +70,16 @@ async def test_killed_at_random_the_next_process_tells_where_the_tip_was_and_whe
     assert ended.data["known_by"] == "tick"
     assert ended.data["place"]["arc_mm"] == pytest.approx(known, abs=EXECUTED_MM)
     assert ended.data["metal_end"]["arc_mm"] == pytest.approx(lit_arc, abs=METAL_MM)
+
+
+async def test_a_gate_that_an_aborted_job_left_open_is_shut_before_the_next_job_moves(cell: CellUnderTest) -> None:
+    await cell.deposit(layers=1, pieces=60, length_mm=60.0)
+    assert (await cell.command("abort")).ok
+    await cell.forward(until=cell.is_state(State.IDLE), seconds=15)
+    cell.burnt_lines.clear()
+    program = one_wall(cell.facts, layers=1, mill=False)
+    reply = await cell.start(program, job="job-2")
+    assert reply.ok, reply.error
+    await cell.hurry(lambda: bool(cell.burnt_lines) or cell.state in (State.IDLE, State.FAULT), scale=4.0)
+    assert min(cell.burnt_lines) >= int(np.flatnonzero(gate_of_lines(program))[0]) + 1
+    assert cell.latched == []
