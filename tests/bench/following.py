@@ -126,6 +126,11 @@ class Ride:
         if is_standing and self.now - self._standing_since >= self.pause_s:
             self._standing_since = -1.0
             self._released = next(stop for stop in self._stops if stop > self._released) if self._released < self._stops[-1] else self._released
+        self._override()
+        self._hold()
+
+    def _override(self) -> None:
+        firmware = self.firmware
         while self.overrides and self.overrides[0][0] <= self.now:
             percent = self.overrides[0][1]
             self.overrides = self.overrides[1:]
@@ -134,6 +139,9 @@ class Ride:
             firmware.receive(b"\x90" + (b"\x91" if up else b"\x92") * tens + (b"\x93" if up else b"\x94") * ones)
             if self.tells_override:
                 self.follower.command_override(percent / 100.0, self.now)
+
+    def _hold(self) -> None:
+        firmware = self.firmware
         if self._resume_at >= 0 and self.now >= self._resume_at:
             self._resume_at = -1.0
             firmware.receive(b"~")
