@@ -51,6 +51,7 @@ class CncLine:
         self.identity: Identity | None = None
         self.protocol = GrblProtocol(letters, facts.line_length_max, BITS_PER_BYTE / facts.baud)
         self.alarm: AlarmRaised | None = None  # the last one since the last command
+        self.is_timed = False  # a timer calls `write` when it is due: what is read before brings no write of its own
         self._port = port
         self._wire = Wire(port, facts.baud, clock)
         self._sender = Sender(self._wire, self.protocol)
@@ -120,7 +121,8 @@ class CncLine:
                     self._stop_stream(f"no answer to line {overdue.n}")
         except LinkLost as error:
             self._lose(error)
-        self.write()
+        if not self.is_timed or self.clock.now() >= self.due_at():
+            self.write()
 
     def write(self, late_s: float | None = None) -> None:
         """Ask for status if it is time to, and write what fits. late_s: how late the timer was that brought this about."""

@@ -24,6 +24,7 @@ class LineWatch:
         self._timer = OneShot()
         self._due_at = 0.0
         self._port = line.fileno()
+        line.is_timed = True
         self._loop.add_reader(self._timer.fd, self._on_timer)
         if self._port is not None:
             self._loop.add_reader(self._port, self._on_bytes)
@@ -39,6 +40,7 @@ class LineWatch:
     def close(self) -> None:
         """Leave the event loop. Harmless twice."""
         if self._timer.fd >= 0:
+            self._line.is_timed = False
             self._loop.remove_reader(self._timer.fd)
             if self._port is not None:
                 self._loop.remove_reader(self._port)
