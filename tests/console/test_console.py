@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 import trimesh
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from tests.console.conftest import Heard
 from tests.console.running_cell import RunningCell
@@ -215,3 +215,28 @@ def test_machine_controls_are_large_enough_for_a_glove(page: Page, cell: Running
     assert stop is not None and min(stop["width"], stop["height"]) >= 15 * MM_PX
     fits = "document.documentElement.scrollWidth <= innerWidth && document.documentElement.scrollHeight <= innerHeight"
     assert page.evaluate(fits)
+
+
+def test_of_two_consoles_one_has_control_the_other_watches_stops_and_takes_it_over_with_a_reason(
+    page: Page, cell: RunningCell, browser: Browser
+) -> None:
+    other = browser.new_context(viewport={"width": 1280, "height": 800}, base_url=cell.url).new_page()
+    other.goto("/")
+    sign_in(page, cell)
+    sign_in(other, cell)
+    page.get_by_role("button", name="Take control").click()
+    expect(page.locator(".control-bar")).to_contain_text("This console has control")
+    expect(other.locator(".control-bar")).to_contain_text("You are watching")
+    picture(other, "watching")
+    other.locator("#stop-button").click()
+    state_is(page, "STOPPED")
+    expect(other.get_by_role("button", name="RESET")).to_be_disabled()
+    other.get_by_role("button", name="Take control over").click()
+    other.locator(".control-bar input").fill("the other console is not manned")
+    picture(other, "take_over")
+    other.locator(".control-bar .sure").click()
+    expect(other.locator(".control-bar")).to_contain_text("This console has control")
+    expect(page.get_by_role("button", name="RESET")).to_be_disabled()
+    other.get_by_role("button", name="RESET").click()
+    state_is(other, "IDLE")
+    other.context.close()

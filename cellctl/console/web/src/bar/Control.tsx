@@ -24,17 +24,17 @@ export function Control() {
         )}
       </span>
       {control.value === "ours" && (
-        <button type="button" class="link" disabled={off} onClick={() => void askControl("release", say.released)}>
+        <button type="button" class="control" disabled={off} onClick={() => void askControl("release", say.released)}>
           {say.release}
         </button>
       )}
       {control.value === "free" && (
-        <button type="button" class="link" disabled={off} onClick={() => void askControl("take", say.taken)}>
+        <button type="button" class="control" disabled={off} onClick={() => void askControl("take", say.taken)}>
           {say.take}
         </button>
       )}
       {control.value === "other" && (
-        <button type="button" class="link" disabled={off} aria-expanded={asks.value} onClick={() => (asks.value = true)}>
+        <button type="button" class="control" disabled={off} aria-expanded={asks.value} onClick={() => (asks.value = true)}>
           {say.takeOver}
         </button>
       )}
