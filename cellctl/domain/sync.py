@@ -155,10 +155,12 @@ class Follower:
     def _match(self, line: int, joints: Floats, at: float, guess: Place, is_line_told: bool) -> tuple[Place, bool, float]:
         """The place of a report, whether it is on a line without motion, and how far the joints are from it (mm, deg)."""
         before = self.last.place if self.last is not None else (max(line - 1, 0) if is_line_told else 0, 0.0)
+        if is_line_told and line < before[0]:  # the control's own word on the line goes before what was matched
+            before = (line, 0.0)
         first, upto = before[0], max(line, before[0])
         last = upto if is_line_told else min(upto, self._reach(at, before))
         found, miss = candidates(self.timeline, max(first, last - WINDOW_LINES), last, joints)
-        if miss > LOST_MM and last < upto:
+        if miss > LOST_MM and last < upto and self.last is not None and self.last.is_run:
             found, miss = candidates(self.timeline, first, min(upto, first + WINDOW_LINES), joints)
         if miss > LOST_MM and not is_line_told:
             return before, self._is_still, miss

@@ -185,3 +185,13 @@ def test_a_prediction_never_leaves_the_program_and_no_program_gives_none() -> No
     empty = Follower(replace(timeline, **{name: getattr(timeline, name)[:0] for name in ("time_start_s", "time_end_s", "joints_end")}), 0.1)
     empty.report(0, np.zeros(5), 0.0, is_run=True, feed=0.0)
     assert empty.predicted_arc(1.0) == 0.0 and empty.time_of_line(3) == math.inf
+
+
+def test_a_machine_that_stands_in_the_middle_of_the_way_before_the_start_is_not_taken_to_be_there() -> None:
+    timeline = loops(3)
+    follower = Follower(timeline, 0.1)
+    for k in range(5):
+        follower.report(len(timeline) - 1, timeline.joints_end[20], 0.1 * k, is_run=False, feed=0.0, is_line_told=False)
+    assert follower.last is not None and follower.last.line < 12
+    follower.report(2, timeline.joints_end[2], 0.6, is_run=True, feed=1200.0)
+    assert follower.last.place == (2, 1.0)
