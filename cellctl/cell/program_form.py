@@ -67,9 +67,8 @@ def write_form(program: Program, cell: Cell, target: Path, program_sha256: str) 
         if target.exists():
             shutil.rmtree(target)
         folder.rename(target)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)  # in its place by now, or of no use
 
 
 def program_timeline(program: Program, cell: Cell) -> Timeline:

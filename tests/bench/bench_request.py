@@ -101,6 +101,8 @@ class Hand:
         """(when it was asked, when it was answered), monotonic s. Raises RuntimeError."""
         asked = time.monotonic()
         answer = await self.client.post(f"/api/v1/cell/{verb}", json={"because": "bench"})
+        if answer.status_code != 200 and "while the cell is FAULT" in answer.text:
+            raise FaultedError(answer.text)
         if answer.status_code != 200:
             raise RuntimeError(f"{verb}: {answer.text}")
         return asked, time.monotonic()
@@ -168,8 +170,9 @@ async def rounds(hand: Hand, program: Path, holds: int, stops: int, name: str) -
             await asyncio.sleep(0.5)
             for _ in range(holds // stops):
                 await asyncio.sleep(pause.uniform(0.1, 0.3))
-                held.append(await hand.post("hold"))
+                asked = await hand.post("hold")
                 await hand.until("HELD")
+                held.append(asked)
                 await hand.post("resume")
                 await hand.until("RUNNING")
             await asyncio.sleep(pause.uniform(0.3, 0.6))
