@@ -21,8 +21,9 @@ from tests.cell.faults.rows import ROWS
 from tests.cell.harness import CellUnderTest, shipped_cell
 from tests.cell.jobs import one_wall
 
-SCALE = 5.0  # the plant's time over the wires' time: a pass lasts a few dozen ticks
-STEPS = 4  # of one sequence
+SCALE = 10.0  # the plant's time over the wires' time: a pass lasts a few dozen ticks
+LIT_TICKS = 100  # from a start to light at that pace, and some more
+STEPS = 3  # of one sequence
 Step = tuple[str, str]
 """What is done, and to what: ("command", "hold a"), ("fault", "door_open"), ("mend", "door_close"), ("wait", "7"), ("kill", "")."""
 
@@ -75,6 +76,8 @@ class Walk:
                 return "mend", self.open[0]
             if state in LATCHED and dice < 0.9:
                 return "command", f"reset {self._client()}"
+        if state in (State.RUNNING, State.PREPARING) and not self.cell.sim.laser.is_emitting and dice < 0.8:
+            return "wait", "lit"
         if state in PASSING and dice < 0.7:
             return "wait", str(self.random.choice((5, 20, 40)))
         if dice < (0.3 if state in BUSY else 0.12):
@@ -96,7 +99,7 @@ class Walk:
         """Go through so many sequences, or through the steps that are given; how many were gone through. Raises Violation."""
         async with CellUnderTest(folder / "store.db", cell=shipped_cell(self.gate), time_scale=SCALE) as cell:
             self.cell = cell
-            self.program: Program = one_wall(cell.facts, layers=1, length_mm=20.0, pieces=6)
+            self.program: Program = one_wall(cell.facts, layers=1, length_mm=60.0, pieces=8, mill=False)
             if given:
                 for step in given:
                     await self.take(step)
@@ -125,6 +128,8 @@ class Walk:
                 self.open.remove(what)
             cell.sim.faults.add(what)
             await cell.forward(ticks=3)
+        elif what == "lit":
+            await self._until_lit()
         elif kind == "wait":
             await cell.forward(ticks=int(what))
         elif kind == "kill":
@@ -139,6 +144,13 @@ class Walk:
         self._check()
         if not self.open and not cell.sim.laser.is_emitting:
             self.since.clear()
+
+    async def _until_lit(self) -> None:
+        """Let the job come to a pass, if it gets there."""
+        for _ in range(LIT_TICKS):
+            if self.cell.sim.laser.is_emitting or self.cell.state not in (State.RUNNING, State.PREPARING):
+                return
+            await self.cell.forward(ticks=1)
 
     async def _command(self, verb: str, client: str) -> None:
         cell = self.cell
