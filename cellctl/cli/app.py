@@ -24,7 +24,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Cell": (
         remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position,
         remote.jog, remote.control,
-    ),  # fmt: skip
+    ),
 }
 for panel, commands in COMMANDS.items():
     for command in commands:
