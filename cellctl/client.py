@@ -128,13 +128,40 @@ class Client:
                 return
 
     def approve(
-        self, job_id: str, *, because: str = "", override_reason: str = "", table_clear: bool = False
+        self,
+        job_id: str,
+        *,
+        because: str = "",
+        override_reason: str = "",
+        table_clear: bool = False,
+        part_untouched: bool = False,
     ) -> Document:
-        """Approve a job; the Job."""
-        return self.post(
-            f"jobs/{job_id}/approve",
-            {"because": because, "override_reason": override_reason, "table_clear": table_clear},
-        )
+        """Approve a job; the Job. table_clear, or of a job that continues another part_untouched: a person looked"""
+        found = {"table_clear": table_clear, "part_untouched": part_untouched}
+        return self.post(f"jobs/{job_id}/approve", {"because": because, "override_reason": override_reason, **found})
+
+    def resumption_point(self, job_id: str) -> Document:
+        """Where metal ended in a job that was interrupted, and what one may go on from."""
+        return self.get(f"jobs/{job_id}/resumption-point")
+
+    def go_on(
+        self,
+        job_id: str,
+        *,
+        layer: int | None = None,
+        operation: int | None = None,
+        overlap_mm: float | None = None,
+        because: str = "",
+        key: str | None = None,
+    ) -> Document:
+        """Go on with the part of an interrupted job, from where metal ended or the begin of a layer or operation; the new Job."""
+        start = "layer" if layer is not None else "operation" if operation is not None else "metal_end"
+        body = {"from": start, "layer": layer, "operation": operation, "overlap_mm": overlap_mm, "because": because}
+        return self.post(f"jobs/{job_id}/resume", body, key or secrets.token_hex(16))
+
+    def program_head(self, job_id: str) -> Document:
+        """The first lines of a job's program, to be read."""
+        return self.get(f"jobs/{job_id}/program/head")
 
     def cancel(self, job_id: str, because: str = "") -> Document:
         """Cancel a job; the Job."""

@@ -27,6 +27,7 @@ TABLE: dict[tuple[str, str], tuple[str, int, int]] = {
     ("planner.errors", "TravelLimitError"): ("Outside the machine's travel", 422, 2),
     ("planner.errors", "ReachError"): ("Out of the machine's reach", 422, 2),
     ("planner.errors", "PostError"): ("The plan does not fit this cell", 422, 2),
+    ("planner.errors", "ResumeError"): ("The program cannot be gone on with", 422, 2),
     ("planner.errors", "PlanningError"): ("The part cannot be planned", 422, 2),
     ("planner.errors", "FitError"): ("A curve cannot be fitted", 422, 2),
     ("planner.errors", "PlannerError"): ("Planning failed", 422, 2),
@@ -59,7 +60,15 @@ def explain(error: BaseException) -> Fault | None:
                 _own(error, "status", status),
                 _own(error, "exit_code", exit_code),
             )
-    return None
+    return _of_disk(error)
+
+
+def _of_disk(error: BaseException) -> Fault | None:
+    """A disk or store that refuses is nobody's bug: whoever asked can do something about it."""
+    from cellctl.store.trouble import trouble_of
+
+    trouble = trouble_of(error)
+    return Fault(trouble.title, one_line(trouble.detail), trouble.hint, trouble.status, 1) if trouble is not None else None
 
 
 def _own(error: BaseException, name: str, default: Any) -> Any:

@@ -19,6 +19,7 @@ from cellctl.api.parts import Cursor, Limit
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.runs import StartRefusedError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
+from cellctl.api.table import check_found, found_of
 from cellctl.domain.jobs import JobState
 from cellctl.domain.messages import Reply
 from cellctl.store import audit, history, jobs
@@ -99,9 +100,9 @@ def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
         raise ApiError(
             422, "The request does not fit", f"axis, distance and feed do not belong to {verb.value}", "leave them out"
         )
-    if verb is not Verb.START and (body.job is not None or body.table_clear):
+    if verb is not Verb.START and (body.job is not None or body.table_clear or body.part_untouched):
         raise ApiError(
-            422, "The request does not fit", f"job and table_clear do not belong to {verb.value}", "leave them out"
+            422, "The request does not fit", f"job, table_clear and part_untouched do not belong to {verb.value}", "leave them out"
         )
     return {}
 
@@ -149,14 +150,14 @@ async def _start(service: Service, person: Person, body: CellCommand) -> Reply:
                 raise ApiError(
                     409, "Not in this state", f"{job.name} is {job.state.value}, not queued", "approve it first"
                 )
-            if not body.table_clear and not job.table_clear:
+            check_found(job, body.table_clear, body.part_untouched)
+            is_found = body.table_clear or body.part_untouched
+            if not is_found and not job.table_clear:
+                found = found_of(job)
                 raise ApiError(
-                    409,
-                    "The table is not confirmed clear",
-                    f"{job.name}: nobody confirmed that the table is clear",
-                    "look, then set table_clear",
+                    409, found.title, f"{job.name}: nobody confirmed that {found.what}", f"look, then set {found.field}"
                 )
-            return jobs.confirm_table(rows, job_id, service.store.clock()) if body.table_clear else job
+            return jobs.confirm_table(rows, job_id, service.store.clock()) if is_found else job
 
     job = await asyncio.to_thread(confirmed)
     service.runs.confirmed(job_id, person.name, person.client)

@@ -14,8 +14,8 @@ from cellctl.api.context import Service
 from cellctl.api.models import Approval, Because_, Job, JobError, Jobs, NewJob
 from cellctl.api.parts import Cursor, IdempotencyKey, Limit
 from cellctl.api.problems import DOCUMENTED, ApiError
-from cellctl.api.runs import TABLE_NOT_CLEAR
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
+from cellctl.api.table import check_found, found_of
 from cellctl.domain.jobs import ON_CELL, JobState
 from cellctl.faults import one_line
 from cellctl.planning.view import layers_written
@@ -153,23 +153,25 @@ def check_approval(job: JobRow, person: Person, body: Approval) -> None:
 
 @router.post("/{job_id}/approve")
 async def approve(person: Operator, service: ServiceOf, job_id: str, body: Approval) -> Job:
-    """Approve a job. With `table_clear` it starts as soon as the cell is idle; a queued one may be confirmed later by the same call."""
+    """Approve a job. With `table_clear` (of a job that continues another: `part_untouched`) it starts as soon as the cell is idle;
+    a queued one may be confirmed later by the same call."""
 
     def write() -> JobRow:
         now = service.store.clock()
         with service.store.write() as rows:
             job = jobs.get(rows, job_id)
             check_approval(job, person, body)
+            check_found(job, body.table_clear, body.part_untouched)
             if job.state is not J.QUEUED:
                 reasons = {"approve_because": body.because, "override_reason": body.override_reason}
-                job = jobs.move(rows, job_id, J.QUEUED, at=now, approved_by=person.name, why=TABLE_NOT_CLEAR, **reasons)
-            if body.table_clear:
+                job = jobs.move(rows, job_id, J.QUEUED, at=now, approved_by=person.name, why=found_of(job).missing, **reasons)
+            if body.table_clear or body.part_untouched:
                 job = jobs.confirm_table(rows, job_id, now)
             audit.add(rows, person.deed("approve", job_id, body.override_reason or body.because), now, "ok")
         return job
 
     job = await asyncio.to_thread(write)
-    if body.table_clear:
+    if body.table_clear or body.part_untouched:
         service.runs.confirmed(job_id, person.name, person.client)
     service.feed.take_job(job_id)
     service.runs.wake()

@@ -85,7 +85,16 @@ class Job(BaseModel):
     approved_by: str
     approve_because: str
     override_reason: str
-    table_clear: bool
+    table_clear: bool = Field(
+        description="a person vouches: the table is clear, or, of a job that continues another, the part stands untouched"
+    )
+    continues_job: str | None = Field(None, description="the interrupted job whose part this one goes on with")
+    resume_point: dict[str, Any] | None = Field(
+        None, description="from where it goes on: line and fraction where metal ended; from, layer, operation, overlap_mm as asked"
+    )
+    resumption: dict[str, Any] | None = Field(
+        None, description="figures of the generated program: overlap_mm, lead_in_mm, clearance_mm, extra_s, remaining_s, remaining_lines, ..."
+    )
     plan_sha256: str | None
     program_sha256: str | None
     proof_sha256: str | None
@@ -115,6 +124,11 @@ class Approval(Strict):
     because: str = Because
     override_reason: str = Field("", max_length=500)
     table_clear: bool = Field(False, description="I looked: the table is clear and the substrate is clamped")
+    part_untouched: bool = Field(
+        False,
+        description="of a job that continues another: I looked: its part stands untouched on the table, "
+        "nothing was moved, and neither tool nor work offset was changed",
+    )
 
 
 class Because_(Strict):
@@ -124,12 +138,14 @@ class Because_(Strict):
 
 
 class CellCommand(Strict):
-    """What a command to the cell needs. job and table_clear: start; axis, distance, feed, continuous: jog (mm or deg, mm/min or deg/min)."""
+    """What a command to the cell needs. job, table_clear, part_untouched: start;
+    axis, distance, feed, continuous: jog (mm or deg, mm/min or deg/min)."""
 
     because: str = Because
     id: str | None = Field(None, max_length=100, description="the same id is carried out once")
     job: str | None = Field(None, max_length=60)
     table_clear: bool = False
+    part_untouched: bool = False
     axis: str | None = Field(None, max_length=1)
     distance: float | None = Field(None, ge=-10_000, le=10_000)
     feed: float | None = Field(None, gt=0, le=100_000)

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import structlog
 
 from cellctl.api.cell_link import CellAbsentError, CellLink
+from cellctl.api.table import found_of
 from cellctl.domain.jobs import ENDED, JobState
 from cellctl.domain.messages import Reply
 from cellctl.domain.snapshot import Snapshot
-from cellctl.store import Store, history, jobs
+from cellctl.store import Store, history, jobs, lineage
 from cellctl.store.history import Run
 from cellctl.store.jobs import JobRow
 from config.by_hand import ByHand
@@ -22,8 +23,6 @@ J = JobState
 PERIOD_S = 1.0
 OUTCOMES = {"completed": J.COMPLETED, "aborted": J.ABORTED, "failed": J.FAILED, "interrupted": J.INTERRUPTED}
 MOVING = frozenset({"PREPARING", "RUNNING", "RESUMING"})
-TABLE_NOT_CLEAR = "waits until a person confirms that the table is clear"
-AGAIN = "waits until a person confirms again that the table is clear"
 REFUSED = "the cell refused to start it"
 RETRIED = "tried again by itself: "
 log = structlog.get_logger(__name__)
@@ -132,7 +131,7 @@ class Runs:
         for job in queued:
             lost = self._why_confirmed_no_more(job)
             if lost:
-                await self._tell(job, f"{AGAIN}: {lost}", table_clear=False)
+                await self._tell(job, f"{found_of(job).again}: {lost}", table_clear=False)
                 continue
             why = self._why_not(job, is_cell_free)
             if why:
@@ -150,15 +149,16 @@ class Runs:
             return [job for job in jobs.oldest_in(connection, [J.QUEUED]) if history.run_of(connection, job.id) is None]
 
     def _why_confirmed_no_more(self, job: JobRow) -> str:
-        """Why a confirmation that the table is clear counts no more; empty while it does, or there is none."""
+        """Why a confirmation of the table, or of the part on it, counts no more; empty while it does, or there is none."""
         if not job.table_clear:
             return ""
+        seen = found_of(job).seen
         confirmed_at = job.timestamps.get("table_clear", 0.0)
         if self._store.clock() - confirmed_at > self._by_hand.table_confirmed_s:
-            return f"the table was found clear more than {self._by_hand.table_confirmed_s / 60.0:.0f} min ago"
+            return f"{seen} more than {self._by_hand.table_confirmed_s / 60.0:.0f} min ago"
         snapshot = self._link.fresh
         if snapshot is not None and snapshot.table.disturbed_at > confirmed_at:
-            return f"{snapshot.table.because} after the table was found clear"
+            return f"{snapshot.table.because} after {seen}"
         refusals = self._refusals.get(job.id)
         is_over = refusals is not None and refusals.confirmed_at == confirmed_at and self._retry_left_s(refusals) <= 0.0
         return f"the cell was not ready for {self._by_hand.start_retry_s:g} s: {job.why.removeprefix(RETRIED)}" if is_over else ""
@@ -169,7 +169,8 @@ class Runs:
     def _why_not(self, job: JobRow, is_cell_free: bool) -> str:
         """Why a queued job cannot start now; empty if it can."""
         if not job.table_clear:
-            return job.why if job.why.startswith((REFUSED, AGAIN)) else TABLE_NOT_CLEAR
+            found = found_of(job)
+            return job.why if job.why.startswith((REFUSED, found.again)) else found.missing
         snapshot = self._link.fresh
         if snapshot is None:
             return "waits for the cell process to answer"
@@ -201,6 +202,9 @@ class Runs:
         program = self._store.blobs.program(job.program_sha256 or "")
         confirmed = job.timestamps.get("table_clear", 0.0)
         args = {"job": job.id, "name": job.name, "program": str(program.resolve()), "confirmed_at": confirmed}
+        if job.continues_job is not None:
+            await self._check_part(job)
+            args["continues"] = job.continues_job
         earlier = self._refusals.get(job.id)
         if earlier is None or earlier.confirmed_at != confirmed:
             earlier = self._refusals[job.id] = Refusals(confirmed, time.monotonic())
@@ -223,13 +227,25 @@ class Runs:
         await self.follow()
         return reply
 
+    async def _check_part(self, job: JobRow) -> None:
+        """Raises StartRefusedError if the part that the job goes on with was taken off since."""
+
+        def look() -> str:
+            with self._store.read() as connection:
+                return lineage.why_part_is_gone(connection, job)
+
+        why = await asyncio.to_thread(look)
+        if why:
+            await self._tell(job, f"{REFUSED}: {why}", table_clear=False)
+            raise StartRefusedError(why, "cancel this job, and submit the part again")
+
     async def _refused(self, job: JobRow, refusals: Refusals, reply: Reply) -> None:
         """Tell why, and whether the confirmation of the table is kept. Raises StartRefusedError."""
         line = f"{reply.error}" + (f" ({reply.hint})" if reply.hint else "")
         if reply.kind == "control":
             await self._tell(job, f"waits for control: {line}")
         elif reply.kind == "table":
-            await self._tell(job, f"{AGAIN}: {reply.error}", table_clear=False)
+            await self._tell(job, f"{found_of(job).again}: {reply.error}", table_clear=False)
         elif reply.kind == "readiness" and self._retry_left_s(refusals) > 0.0:
             await self._tell(job, f"{RETRIED}{line}")
             raise StartRefusedError(reply.error, f"{reply.hint}; it is tried again by itself for {self._by_hand.start_retry_s:g} s", reply.kind)

@@ -18,6 +18,7 @@ from cellctl.cell.record import END, RUN, StoreError
 from cellctl.cell.refusal import READINESS, Refused
 from cellctl.cell.resetting import reset_steps
 from cellctl.cell.stream import Run
+from cellctl.cell.surroundings import CLEAR, UNTOUCHED
 from cellctl.cell.transaction import Transaction
 from cellctl.domain.messages import Command, Reply
 from cellctl.domain.states import HINTS, LATCHED, State, Trigger, WrongStateError, after, is_reached
@@ -184,10 +185,10 @@ class Commands:
         return {"job": job, "total_lines": run.total}
 
     def _check_table(self, command: Command) -> None:
-        """Raises Refused when a confirmation that the table is clear counts no more."""
+        """Raises Refused when a confirmation of the table, or of the part on it, counts no more."""
         confirmed_at = command.args.get("confirmed_at")
         if isinstance(confirmed_at, (int, float)):
-            self._c.table.check(float(confirmed_at))
+            self._c.table.check(float(confirmed_at), UNTOUCHED if command.args.get("continues") else CLEAR)
 
     def _check_start(self, stops: int) -> None:
         """Raises unless the cell may still start: what was awaited took time."""

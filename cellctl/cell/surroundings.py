@@ -12,6 +12,9 @@ from drivers.cell_wires import CellDrivers
 from drivers.cnc.events import Status
 from drivers.cnc.status import MOVING
 
+CLEAR = "the table was found clear", "look again and confirm that it is clear"
+UNTOUCHED = "the part was found untouched", "look again and confirm that it stands untouched on the table"
+"""What a person found, and what to do when that counts no more: before a new part, and before one is gone on with."""
 SAME_POSITION = 0.01  # mm or deg; firmware prints three decimals
 Tell = Callable[[str, str, dict[str, Any]], None]
 
@@ -24,6 +27,7 @@ class TableWatch:
         self._unix = unix
         self.disturbed_at = unix()
         self.because = "the cell process started"
+        self._tool: int | None = None
 
     @property
     def view(self) -> Table:
@@ -43,14 +47,19 @@ class TableWatch:
             self.disturb("the machine moved")
         elif not drivers.io.client.is_stale("door_closed") and not drivers.io.door_closed:
             self.disturb("the door was open")
+        if status is not None and status.tool is not None:
+            if self._tool is not None and status.tool != self._tool and not in_job:
+                self.disturb(f"the tool was changed to T{status.tool}")
+            self._tool = status.tool
 
-    def check(self, confirmed_at: float) -> None:
-        """Raises Refused unless a confirmation of this Unix time (s) still counts."""
+    def check(self, confirmed_at: float, found: tuple[str, str] = CLEAR) -> None:
+        """Raises Refused unless a confirmation of this Unix time (s) still counts. found : what was confirmed, CLEAR or UNTOUCHED"""
+        seen, remedy = found
         age_s = self._unix() - confirmed_at
         if age_s > self._facts.table_confirmed_s:
-            raise Refused(f"the table was found clear {age_s / 60.0:.0f} min ago", "look again and confirm that it is clear", TABLE)
+            raise Refused(f"{seen} {age_s / 60.0:.0f} min ago", remedy, TABLE)
         if self.disturbed_at > confirmed_at:
-            raise Refused(f"{self.because} after the table was found clear", "look again and confirm that it is clear", TABLE)
+            raise Refused(f"{self.because} after {seen}", remedy, TABLE)
 
 
 class Position:

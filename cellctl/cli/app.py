@@ -7,6 +7,7 @@ from collections.abc import Callable
 import typer
 
 from cellctl.cli import files, models, remote, service, tokens
+from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
 
 app = typer.Typer(
@@ -20,7 +21,7 @@ app = typer.Typer(
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (service.demo, service.serve, service.sim, service.doctor),
     "Files": (files.plan, files.show, files.post, prove, models.model),
-    "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record),
+    "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record, go_on),
     "Cell": (
         remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position,
         remote.jog, remote.control,

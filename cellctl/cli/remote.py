@@ -29,6 +29,13 @@ if TYPE_CHECKING:
 TableClear = Annotated[
     bool, typer.Option("--table-clear", help="I looked: the table is clear and the substrate is clamped.")
 ]
+PartUntouched = Annotated[
+    bool,
+    typer.Option(
+        "--part-untouched",
+        help="Of a job that goes on with another: I looked: the part stands untouched on the table, tool and work offset are as they were.",
+    ),
+]
 TakeControl = Annotated[
     bool, typer.Option("--take-control", help="Take control over from another console or client first; --because says why.")
 ]
@@ -137,16 +144,16 @@ def approve(
         str, typer.Option("--override-reason", help="Engineers: why it may run without a passing proof.")
     ] = "",
     table_clear: TableClear = False,
+    part_untouched: PartUntouched = False,
     url: Url = None,
     run: RunFolder = DEFAULT_RUN,
     json: Json = False,
 ) -> None:
     """Approve a job whose proof passed."""
+    found = {"table_clear": table_clear, "part_untouched": part_untouched}
     with connect(url, run) as client:
         job_id = find_job(client, job)
-        show_job(
-            client.approve(job_id, because=because, override_reason=override_reason, table_clear=table_clear), json
-        )
+        show_job(client.approve(job_id, because=because, override_reason=override_reason, **found), json)
 
 
 def cancel(

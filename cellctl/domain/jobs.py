@@ -67,6 +67,7 @@ TRANSITIONS: dict[tuple[JobState, JobEvent], JobState] = {
     (J.SUBMITTED, E.PLAN_BEGUN): J.PLANNING,
     (J.PLANNING, E.PLAN_MADE): J.PLANNED,
     (J.PLANNED, E.POST_BEGUN): J.POSTING,
+    (J.SUBMITTED, E.POST_BEGUN): J.POSTING,  # the rest of an interrupted job: its plan is there
     (J.POSTING, E.PROOF_BEGUN): J.PROVING,
     (J.PROVING, E.PROOF_PASSED): J.PROVEN,
     (J.PROVING, E.PROOF_WANTING): J.WAITING_FOR_APPROVAL,

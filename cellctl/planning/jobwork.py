@@ -13,8 +13,17 @@ from cellctl.cell.program_form import form_beside
 from cellctl.domain.jobs import JobState
 from cellctl.planning import keys
 from cellctl.planning.process import Workers
-from cellctl.planning.task import PICTURE_FILE, PLAN_FILE, PROGRAM_FOLDER, PROOF_FILE, REPORT_FILE, VIEW_FOLDER, Task
-from cellctl.store import Store, blobs, jobs, made, parts
+from cellctl.planning.task import (
+    PICTURE_FILE,
+    PLAN_FILE,
+    PROGRAM_FOLDER,
+    PROOF_FILE,
+    REPORT_FILE,
+    VIEW_FOLDER,
+    Link,
+    Task,
+)
+from cellctl.store import Store, blobs, jobs, lineage, made, parts
 from cellctl.store.jobs import JobRow
 from cellctl.store.made import Made
 from cellctl.store.parts import PartRow
@@ -45,18 +54,23 @@ class JobWork:
     async def take_through(self, job: JobRow, report: Report) -> None:
         """From submitted to waiting for approval. Raises WorkerError, WrongJobStateError (cancelled meanwhile)."""
         part = await asyncio.to_thread(self._part, job)
-        await self._move(job, J.PLANNING, why="")
-        planned = await self._plan(job, part, report)
-        await self._move(
-            job, J.PLANNED, J.POSTING, plan_sha256=planned.sha256, layers=int(planned.summary.get("layers", 0))
-        )
-        posted = await self._post(job, part, planned, report)
+        if job.continues_job is not None:
+            await self._move(job, J.POSTING, why="")
+            posted = await self._resume(job, part, report)
+        else:
+            await self._move(job, J.PLANNING, why="")
+            planned = await self._plan(job, part, report)
+            await self._move(
+                job, J.PLANNED, J.POSTING, plan_sha256=planned.sha256, layers=int(planned.summary.get("layers", 0))
+            )
+            posted = await self._post(job, part, planned, report)
         await self._move(
             job,
             J.PROVING,
             program_sha256=posted.sha256,
             lines_total=int(posted.summary.get("lines", 0)),
             duration_s=float(posted.summary.get("duration_s", 0.0)),
+            resumption=posted.summary.get("resumption"),
         )
         proved = await self._prove(job, part, posted, report)
         passed = bool(proved.summary.get("passed"))
@@ -109,7 +123,7 @@ class JobWork:
         await asyncio.to_thread(remember)
         return fresh
 
-    def _task(self, part: PartRow, folder: Path, kind: Any, **fields: str) -> Task:
+    def _task(self, part: PartRow, folder: Path, kind: Any, **fields: Any) -> Task:
         mesh = self.store.blobs.part(part.sha256, part.suffix)
         return Task(
             kind=kind,
@@ -148,18 +162,46 @@ class JobWork:
 
         return await self._make("program", keys.program_key(planned.sha256, self.cell), self.store.blobs.program, make)
 
+    def _before(self, job: JobRow) -> list[JobRow]:
+        with self.store.read() as connection:
+            return lineage.chain_of(connection, job)[:-1]
+
+    def _links(self, job: JobRow) -> list[Link]:
+        """The interrupted programs before this job's, and where each left the part."""
+        before = self._before(job)
+        points = [one.resume_point or {} for one in (*before, job)][1:]
+        return [
+            Link(str(self.store.blobs.program(one.program_sha256 or "")), int(point["line"]), float(point["fraction"]))
+            for one, point in zip(before, points, strict=True)
+        ]
+
+    async def _resume(self, job: JobRow, part: PartRow, report: Report) -> Made:
+        """What is left of the program of the job that this one continues."""
+        before = (await asyncio.to_thread(self._before, job))[-1]
+        program, plan, point = before.program_sha256 or "", before.plan_sha256 or "", job.resume_point or {}
+
+        async def make() -> Made:
+            with self.store.blobs.staging() as folder:
+                files = {"program": str(self.store.blobs.program(program)), "plan": str(self.store.blobs.plan(plan))}
+                summary = await self.workers.run(self._task(part, folder, "resume", point=point, **files), report)
+                return await asyncio.to_thread(self._keep_program, folder / PROGRAM_FOLDER, summary)
+
+        return await self._make("program", keys.resumption_key(program, plan, self.cell, point), self.store.blobs.program, make)
+
     async def _prove(self, job: JobRow, part: PartRow, posted: Made, report: Report) -> Made:
         stock, stock_sha256 = await asyncio.to_thread(self._stock, job)
+        links = await asyncio.to_thread(self._links, job)
 
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
                 program = str(self.store.blobs.program(posted.sha256))
                 checkpoints = str(self.store.blobs.checkpoints)
-                task = self._task(part, folder, "prove", program=program, stock=stock, checkpoints=checkpoints)
+                task = self._task(part, folder, "prove", program=program, stock=stock, checkpoints=checkpoints, links=links)
                 document = await self.workers.run(task, report)
                 return await asyncio.to_thread(self._keep_proof, folder, document)
 
-        key = keys.proof_key(posted.sha256, part.sha256, part.units, self.cell, stock_sha256)
+        told = [f"{Path(link.program).name} {link.line} {link.fraction!r}" for link in links]
+        key = keys.proof_key(posted.sha256, part.sha256, part.units, self.cell, stock_sha256, told)
         return await self._make("proof", key, self.store.blobs.proof, make)
 
     def _keep_plan(self, folder: Path, summary: dict[str, Any]) -> Made:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import config
 from config import Cell
@@ -42,6 +44,13 @@ def program_key(plan_sha256: str, cell: Cell) -> str:
     return _key("program", plan_sha256, cell.sha256)
 
 
-def proof_key(program_sha256: str, part_sha256: str, units: str, cell: Cell, stock_sha256: str = "") -> str:
-    """Key of a proof. stock_sha256 : of the mesh that it is milled from, if one is given"""
-    return _key("proof", program_sha256, part_sha256, units, cell.sha256, cell.twin_sha256, stock_sha256)
+def resumption_key(program_sha256: str, plan_sha256: str, cell: Cell, point: Mapping[str, Any]) -> str:
+    """Key of the rest of a program. point : from where"""
+    return _key("resume", program_sha256, plan_sha256, cell.sha256, json.dumps(dict(point), sort_keys=True))
+
+
+def proof_key(
+    program_sha256: str, part_sha256: str, units: str, cell: Cell, stock_sha256: str = "", links: Sequence[str] = ()
+) -> str:
+    """Key of a proof. stock_sha256 : of the mesh that it is milled from, if one is given; links : what was run on the part before"""
+    return _key("proof", program_sha256, part_sha256, units, cell.sha256, cell.twin_sha256, stock_sha256, *links)

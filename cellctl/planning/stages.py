@@ -9,6 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cellctl.planning.continuing import resume, standing_of
 from cellctl.planning.task import (
     MESH_FILE,
     PICTURE_FILE,
@@ -164,6 +165,7 @@ def prove(task: Task, report: Report) -> dict[str, Any]:
     program = read_program(Path(task.program))
     mesh = load(Path(task.mesh), task.units)
     stock = load(Path(task.stock)) if task.stock else None
+    start = standing_of(task, cell, mesh, stock, report)
     proof = make_proof(
         program,
         cell,
@@ -171,6 +173,7 @@ def prove(task: Task, report: Report) -> dict[str, Any]:
         stock=stock,
         progress=lambda fraction, word: report(f"proving: {word}", fraction),
         checkpoints=Path(task.checkpoints) if task.checkpoints else None,
+        start=start,
     )
     folder = Path(task.folder)
     text = proof.to_json()
@@ -187,5 +190,6 @@ STAGES: dict[str, Callable[[Task, Report], dict[str, Any]]] = {
     "inspect": inspect,
     "plan": plan,
     "post": post,
+    "resume": resume,
     "prove": prove,
 }

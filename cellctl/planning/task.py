@@ -6,7 +6,15 @@ from typing import Any, Literal
 
 import msgspec
 
-Kind = Literal["inspect", "plan", "post", "prove"]
+Kind = Literal["inspect", "plan", "post", "resume", "prove"]
+
+
+class Link(msgspec.Struct, frozen=True):
+    """A program that was interrupted, and where metal ended in it. line : index; fraction : of it that is done"""
+
+    program: str
+    line: int
+    fraction: float
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -14,6 +22,7 @@ class Task(msgspec.Struct, frozen=True):
 
     folder : where the result's files go; parent : process that waits for it, the worker ends with it
     mesh, units : the part's file; plan, program : files made before; cell : cell file; stock : mesh of the raw stock
+    point : resume: {from, line, fraction, layer, operation, overlap_mm}; links : prove: what was run on the part before, in order
     checkpoints : folder in which proofs keep their states at layers, so that an edited program is not proven from its begin
     """
 
@@ -30,6 +39,8 @@ class Task(msgspec.Struct, frozen=True):
     program: str = ""
     cell: str = ""
     checkpoints: str = ""
+    point: dict[str, Any] = {}
+    links: list[Link] = []
 
 
 class Progress(msgspec.Struct, frozen=True, tag="progress"):

@@ -14,7 +14,7 @@ from cellctl.store.pages import page
 from cellctl.store.parts import NotFoundError
 from cellctl.store.schema import jobs
 
-DOCUMENTS = ("error", "proof", "timestamps")
+DOCUMENTS = ("error", "proof", "timestamps", "resume_point", "resumption")
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,8 @@ class JobRow:
 
     why : what it waits for, in words; error : {title, detail, hint} of a failed one; proof : figures of the Proof
     timestamps : Unix time at which each state was entered
+    table_clear : a person vouches for the table: it is clear, or, of a job that continues another, its part stands untouched
+    continues_job : whose part it goes on with; resume_point : from where, as asked for; resumption : figures of the generated program
     """
 
     id: str
@@ -49,6 +51,9 @@ class JobRow:
     override_reason: str = ""
     table_clear: bool = False
     timestamps: dict[str, float] = field(default_factory=dict)
+    continues_job: str | None = None
+    resume_point: dict[str, Any] | None = None
+    resumption: dict[str, Any] | None = None
 
 
 def _row(values: RowMapping) -> JobRow:
@@ -119,7 +124,7 @@ def move(connection: Connection, job_id: str, *targets: JobState, at: float, **c
 
 
 def confirm_table(connection: Connection, job_id: str, at: float) -> JobRow:
-    """A person looked: the table is clear for this job. Raises NotFoundError."""
+    """A person looked: the table is clear for this job, or the part that it goes on with stands untouched. Raises NotFoundError."""
     job = get(connection, job_id)
     return change(connection, job_id, table_clear=True, why="", timestamps={**job.timestamps, "table_clear": at})
 

@@ -95,7 +95,11 @@ jobs = Table(
     Column("timestamps", Text, nullable=False, server_default="{}"),
     Column("created_at", REAL, nullable=False),
     Column("created_by", Text, nullable=False),
+    Column("continues_job", String(40)),
+    Column("resume_point", Text),
+    Column("resumption", Text),
     Index("ix_jobs_state", "state"),
+    Index("ix_jobs_continues_job", "continues_job"),
     sqlite_autoincrement=True,
 )
 
