@@ -79,12 +79,12 @@ class SetPoints:
             yield Channel(int(self._schedule["channel"][row])), float(self._schedule["value"][row])
 
     def due_at(self, now: float, released: int, channels: tuple[Channel, ...] = tuple(Channel)) -> float | None:
-        """Wire time (s) at which the next one of these channels is due; None: none is in sight."""
+        """Wire time (s) at which the next one of these channels is due, past for one that is overdue; None: none is in sight."""
         waits = []
         for channel in channels:
             entry = self._coming(channel, released) if channel in self._rows else None
             if entry is not None and (wait_s := self._wait_s(channel, *entry, now)) < HORIZON_S:
-                waits.append(now + max(wait_s, 0.0))
+                waits.append(now + wait_s)
         return min(waits, default=None)
 
     def switches_on_at(self, now: float, released: int, within_s: float) -> float | None:

@@ -17,6 +17,7 @@ from config.base import find_facts
 from config.cell import Cell, load_cell
 from planner.files import write_program
 from planner.program import Program
+from tests.bench.served import as_hardware
 from tests.bench.sync_edges import Light, rows_program
 
 START_S, LONGEST_S = 90.0, 240.0
@@ -35,6 +36,7 @@ async def by_wire(
     words = ["-m", "tests.bench.sync_plant", str(place / "given.toml"), str(place), str(place / "trace.json"), str(delay_s), str(jitter_s), at_baud]
     plant = await asyncio.create_subprocess_exec(sys.executable, *words, stdout=PIPE)
     assert plant.stdout is not None
+    as_hardware(plant.pid)
     await asyncio.wait_for(plant.stdout.readline(), START_S)
     words = ["-m", "cellctl.cell", "--cell", str(place / "cell.toml"), "--run", str(place), "--store", str(place / "s.db"), "--stop-port", "0"]
     cell = await asyncio.create_subprocess_exec(sys.executable, *words, stderr=DEVNULL)
