@@ -31,6 +31,7 @@ from config.cell import Cell, load_cell
 from drivers.clock import SystemClock
 from drivers.cnc.driver import CncDriver
 from drivers.cnc.line_watch import LineWatch
+from drivers.transport.line_loop import LineLoop
 from planner.errors import PlannerError
 
 SNAPSHOT_S = 0.1
@@ -182,7 +183,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         given.run.mkdir(parents=True, exist_ok=True)
         given.store.parent.mkdir(parents=True, exist_ok=True)
-        asyncio.run(_main(given.cell, given.run, given.store, given.stop_host, given.stop_port))
+        with asyncio.Runner(loop_factory=LineLoop) as runner:
+            runner.run(_main(given.cell, given.run, given.store, given.stop_host, given.stop_port))
     except (ConfigError, StoreError, PlannerError) as error:
         print(f"{error.message}\n  {error.hint}", file=sys.stderr)
         return 2

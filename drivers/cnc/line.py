@@ -20,7 +20,7 @@ from drivers.cnc.events import (
     StatusReport,
     Welcome,
 )
-from drivers.cnc.overdue import AnswerWatch
+from drivers.cnc.overdue import AnswerWatch, pauses_of
 from drivers.cnc.pacing import BITS_PER_BYTE
 from drivers.cnc.program_stream import ProgramStream
 from drivers.cnc.protocol import Answer, GrblProtocol
@@ -55,9 +55,10 @@ class CncLine:
         self._port = port
         self._wire = Wire(port, facts.baud, clock)
         self._sender = Sender(self._wire, self.protocol)
-        self._answers = AnswerWatch(self.protocol, facts.answer_timeout_s, clock.now())
+        self._answers = AnswerWatch(self.protocol, facts, clock.now())
         self._program: ProgramStream | None = None
         self._events: list[CncEvent] = []
+        self._has_news = False  # among them are others than LineAccepted
         self._lost = ""
         self._query_s = max(QUERY_PERIOD_MIN_S, facts.status_period_s, REPORT_BYTES * BITS_PER_BYTE / facts.baud / REPORT_SHARE)
         self._asked_at = -math.inf  # last status query
@@ -85,6 +86,11 @@ class CncLine:
             return False
         return program is None or (program.is_sent and program.executed >= program.sent)
 
+    @property
+    def has_news(self) -> bool:
+        """Whether `pump` would tell more than that lines were accepted: another event, or that no line waits any more."""
+        return self._has_news or (bool(self._events) and not self.protocol.unanswered)
+
     def fileno(self) -> int | None:
         """Descriptor to watch for readability."""
         return self._port.fileno()
@@ -93,6 +99,7 @@ class CncLine:
         """Read, parse, check time-outs, write what fits; the events since the last call. A lost line is a PortLost event."""
         self.step()
         events, self._events = self._events, []
+        self._has_news = False
         return events
 
     def due_in_s(self) -> float:
@@ -104,7 +111,7 @@ class CncLine:
         if self._lost:
             return self.clock.now() + self.facts.status_period_s
         to_query = self._asked_at + self._query_s
-        return min(to_query, self._wire.due_at()) if self._sender.may_write else to_query
+        return min(to_query, self._wire.due_at()) if self._sender.may_write or self._wire.is_urgent else to_query
 
     def step(self) -> None:
         """As pump, but the events stay for the next pump."""
@@ -112,11 +119,12 @@ class CncLine:
             return
         try:
             data = self._port.read()
+            now = self.clock.now()
             if data:
-                for event in self.protocol.receive(data, self.clock.now()):
-                    self._take(event)
-            if (overdue := self._answers.look(self.clock.now(), self._program)) is not None:
-                self._events.append(overdue)
+                for event in self.protocol.receive(data, now):
+                    self._take(event, now)
+            if (overdue := self._answers.look(now, self._program)) is not None:
+                self._tell(overdue)
                 if overdue.n:
                     self._stop_stream(f"no answer to line {overdue.n}")
         except LinkLost as error:
@@ -130,9 +138,13 @@ class CncLine:
             return
         if late_s is not None:
             self._wire.pacer.woke(late_s)
+        now = self.clock.now()
         try:
-            self.query_status()
-            self._sender.write()
+            if now - self._asked_at >= self._query_s:
+                self.query_status()
+            elif self._wire.is_urgent:
+                self._wire.flush()
+            self._sender.write(now)
         except LinkLost as error:
             self._lose(error)
         if self._sender.objection and self._program is not None and not self._program.halted:
@@ -148,7 +160,7 @@ class CncLine:
             raise CommandRefused("the CNC has not been identified", "connect first")
         if self.protocol.unanswered or self.protocol.is_latched or not (self.is_halted or self.is_drained):
             raise CommandRefused("the CNC still has lines of another program", "let it end, or abort and reset it")
-        self._program = ProgramStream(lines, first, self.facts.line_length_max, times_s)
+        self._program = ProgramStream(lines, first, self.facts.line_length_max, times_s, pauses_of(self.facts))
         self._sender.load(self._program)
         self.protocol.acknowledged = first
 
@@ -255,7 +267,7 @@ class CncLine:
             self._lost = error.message
             self._halt("link lost")
             self._sender.abandon()
-            self._events.append(PortLost(error.message))
+            self._tell(PortLost(error.message))
 
     def _halt(self, because: str) -> None:
         if self._program is not None and not self._program.halted:
@@ -267,11 +279,17 @@ class CncLine:
             self._halt(because)
             self.hold()
 
-    def _take(self, event: CncEvent) -> None:
+    def _tell(self, event: CncEvent) -> None:
         self._events.append(event)
+        self._has_news = True
+
+    def _take(self, event: CncEvent, now: float) -> None:
+        if type(event) is LineAccepted:
+            self._events.append(event)
+            self._answers.progress(now)
+            return
+        self._tell(event)
         match event:
-            case LineAccepted():
-                self._answers.progress(self.clock.now())
             case StatusReport(status, unanswered):
                 self._follow(status, unanswered)
             case LineRejected(n, code):
@@ -293,14 +311,15 @@ class CncLine:
     def _follow(self, status: Status, unanswered: int) -> None:
         self.status = status
         self._wire.pacer.heard(self.protocol.report_came_at)
-        self._answers.report(status)
+        planner_blocks = self.identity.planner_blocks if self.identity else None
+        self._answers.report(status, planner_blocks)
         if self._program is not None:
-            self._program.follow(status, unanswered, self.identity.planner_blocks if self.identity else None)
+            self._program.follow(status, unanswered, planner_blocks)
 
     def _object(self, program: ProgramStream, why: str) -> None:
         """The program's next line cannot be sent."""
         text = program.peek() or ""
-        self._events.append(LineRejected(program.taken + 1, 0, why, text, "abort the job and post the program again for this cell"))
+        self._tell(LineRejected(program.taken + 1, 0, why, text, "abort the job and post the program again for this cell"))
         self._stop_stream(why)
 
 

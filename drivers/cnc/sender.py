@@ -59,10 +59,12 @@ class Sender:
         self._begun -= len(self._rest)
         self._rest = b""
 
-    def write(self) -> None:
-        """Write as much as there is room for, here and at the controller. Raises LinkLost."""
+    def write(self, now: float) -> None:
+        """Write as much as there is room for, here and at the controller. now: the clock's time, s. Raises LinkLost."""
         free = self._free()
-        room = min(self._wire.room(), free) if free > 0 else 0
+        if free <= 0 or not (self._rest or self._commands or self.program is not None):
+            return
+        room = min(self._wire.room(now), free)
         if room <= 0:
             return
         while len(self._rest) < room and self._begin():

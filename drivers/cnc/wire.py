@@ -20,13 +20,13 @@ class Wire:
     def urge(self, byte: bytes) -> None:
         """Write a real-time byte ahead of everything that is not written yet. Raises LinkLost."""
         self._urgent += byte
-        self._flush_urgent()
+        self.flush()
 
-    def room(self) -> int:
-        """Bytes that may be written now. Raises LinkLost."""
-        if self._urgent and not self._flush_urgent():
+    def room(self, now: float) -> int:
+        """Bytes that may be written now (the clock's time, s). Raises LinkLost."""
+        if self._urgent and not self.flush():
             return 0
-        room = self.pacer.room(self._clock.now())
+        room = self.pacer.room(now)
         if room > 0 and (queued := self._port.queued()) > 0:
             self.pacer.stands(queued)
             room = min(room, self.pacer.ahead_bytes - queued)
@@ -51,7 +51,13 @@ class Wire:
         """When it is worth writing again (s, the clock's time)."""
         return self._clock.now() + RETRY_S if self._urgent else self.pacer.due_at()
 
-    def _flush_urgent(self) -> bool:
+    @property
+    def is_urgent(self) -> bool:
+        """Whether real-time bytes wait that the operating system refused."""
+        return bool(self._urgent)
+
+    def flush(self) -> bool:
+        """Write the real-time bytes that wait; whether none waits any more. Raises LinkLost."""
         count = self._port.write(self._urgent)
         self.pacer.wrote(count)
         self._urgent = self._urgent[count:]

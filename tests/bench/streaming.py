@@ -21,6 +21,7 @@ from config.cell import Cnc
 from drivers.clock import SystemClock
 from drivers.cnc.driver import CncDriver
 from drivers.cnc.line_watch import LineWatch
+from drivers.transport.line_loop import LineLoop
 from drivers.transport.serial_port import SerialPort
 from tests.bench.cnc_far_end import Answers, Counts, FarEnd
 
@@ -163,7 +164,8 @@ def over_a_wire(case: Case, near: Callable[[Case, str, Connection], tuple[float,
 
 def with_driver(case: Case, path: str, pipe: Connection) -> tuple[float, float, list[float]]:
     """The near end: the driver as the cell process uses it, holds asked for now and then."""
-    return asyncio.run(_drive(case, path, pipe))
+    with asyncio.Runner(loop_factory=LineLoop) as runner:
+        return runner.run(_drive(case, path, pipe))
 
 
 async def _drive(case: Case, path: str, pipe: Connection) -> tuple[float, float, list[float]]:

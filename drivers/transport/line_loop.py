@@ -1,0 +1,85 @@
+"""An event loop that serves one line at its microsecond between its rounds: a paced write or an answer costs two or three system calls."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import select
+import selectors
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass
+class Served:
+    """What a LineSelector serves. write, read : True if they have left something to do to the event loop.
+
+    port : descriptor at which `read` is called when bytes come, None for none    due_at : when `write` is called (s, CLOCK_MONOTONIC)
+    """
+
+    port: int | None
+    read: Callable[[], bool]
+    write: Callable[[], bool]
+    failed: Callable[[Exception], None]
+    due_at: float = math.inf
+
+
+class LineSelector(selectors.EpollSelector):
+    """Waits as EpollSelector does, and serves a line meanwhile without a round of the event loop."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._own = self.fileno()
+        self._served: Served | None = None
+
+    @property
+    def is_serving(self) -> bool:
+        """Whether a line is served."""
+        return self._served is not None
+
+    def serve(self, served: Served | None) -> None:
+        """Serve this line from now on; None: no line."""
+        self._served = served
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """What is ready within timeout seconds (None: no limit; 0 or less: now), the line's own excepted."""
+        now = time.monotonic()
+        end = math.inf if timeout is None else now + timeout
+        while (served := self._served) is not None:
+            if served.due_at <= now and self._is_handed_on(served, served.write):
+                break
+            until = min(served.due_at, end)
+            ready = self._wait(served, max(until - now, 0.0) if until < math.inf else None)
+            if served.port in ready and self._is_handed_on(served, served.read):
+                break
+            now = time.monotonic()
+            if self._own in ready or now >= end:
+                break
+        else:
+            return super().select(timeout)
+        return super().select(0)
+
+    def _wait(self, served: Served, timeout: float | None) -> list[int]:
+        watched = (self._own,) if served.port is None else (self._own, served.port)
+        try:
+            return select.select(watched, (), (), timeout)[0]
+        except (OSError, ValueError):  # the port was closed
+            served.port = None
+            return []
+
+    def _is_handed_on(self, served: Served, act: Callable[[], bool]) -> bool:
+        try:
+            return act()
+        except Exception as error:  # noqa: BLE001  the edge of what the event loop calls: told as it tells of its own callbacks
+            self._served = None
+            served.failed(error)
+            return True
+
+
+class LineLoop(asyncio.SelectorEventLoop):
+    """asyncio's loop over a LineSelector: `line_selector`."""
+
+    def __init__(self) -> None:
+        self.line_selector = LineSelector()
+        super().__init__(self.line_selector)
