@@ -153,16 +153,22 @@ def standpoint(store: Store, job: JobRow, end: MetalEnd) -> Standpoint:
     before = form.table["tip_end"][max(end.line - 1, 0)]
     tip = before + end.fraction * (row["tip_end"] - before)
     path = float(form.arc_mm[end.line] + end.fraction * (form.arc_mm[end.line + 1] - form.arc_mm[end.line]))
-    where = f"layer {layer + 1}" if layer >= 0 else "before the first layer"
-    if operation >= 0:
-        where += f", operation {operation} ({process.replace('_', ' ') or 'set-up'})"
-    if pass_ >= 0:
-        where += f", pass {pass_ + 1}, {arc:.2f} mm along it"
     return Standpoint(
         line=end.line, fraction=end.fraction, layer=layer, operation=operation, process=process, pass_=pass_, arc_mm=round(arc, 3),
         path_mm=round(path, 3), tip_mm=[round(float(value), 3) for value in tip], known_by=end.known_by,
-        known_by_text=KNOWN_BY[end.known_by], text=f"{where}; {100 * end.fraction:.0f} % of line N{end.line + 1}",
+        known_by_text=KNOWN_BY[end.known_by], text=_in_words(job, end, (layer, operation, pass_), process, arc),
     )  # fmt: skip
+
+
+def _in_words(job: JobRow, end: MetalEnd, place: tuple[int, int, int], process: str, arc_mm: float) -> str:
+    layer, operation, pass_ = place
+    where = f"layer {layer + 1} of {job.layers}" if layer >= 0 else "before the first layer"
+    if process:
+        where += f", {process.replace('_', ' ')}"
+    if pass_ >= 0:
+        where += f", {arc_mm:.2f} mm along its pass"
+    named = f"layer {layer} op {operation} pass {pass_}, " if pass_ >= 0 else ""
+    return f"{where} (in the program: {named}{100 * end.fraction:.0f} % of line N{end.line + 1})"
 
 
 def resumption_point(store: Store, rows: Connection, job: JobRow) -> ResumptionPoint:
