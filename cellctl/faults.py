@@ -65,7 +65,7 @@ def explain(error: BaseException) -> Fault | None:
 
 def _of_disk(error: BaseException) -> Fault | None:
     """A disk or store that refuses is nobody's bug: whoever asked can do something about it."""
-    from cellctl.store.trouble import trouble_of
+    from cellctl.domain.trouble import trouble_of
 
     trouble = trouble_of(error)
     return Fault(trouble.title, one_line(trouble.detail), trouble.hint, trouble.status, 1) if trouble is not None else None

@@ -54,6 +54,7 @@ DEFAULTS: dict[str, Reaction] = {
     "powder_flow": _HOLD,
     "gas_flow": _HOLD,
     "io_silent": _HOLD,
+    "power": _RESET,
     "cnc_lost": _RESET,
     "cnc_silent": _RESET,
     "cnc_alarm": _RESET,

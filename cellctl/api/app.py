@@ -72,6 +72,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+            await service.deeds.close()
             service.store.close()
 
     app = FastAPI(

@@ -22,7 +22,7 @@ from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
 from cellctl.api.table import check_found, found_of
 from cellctl.domain.jobs import JobState
 from cellctl.domain.messages import Reply
-from cellctl.store import audit, history, jobs
+from cellctl.store import history, jobs
 from cellctl.store.pages import cursor_of, seq_of
 
 router = APIRouter(prefix="/api/v1/cell", tags=["cell"], responses=DOCUMENTED)
@@ -180,6 +180,8 @@ async def _sign_of_life(service: Service, person: Person, verb: str) -> CommandA
 
 def refused(error: str, hint: str, kind: str = "") -> ApiError:
     """The cell's refusal as a problem."""
+    if kind == "store":
+        return ApiError(503, "The journal cannot be written", error, hint, {"Retry-After": "5"})
     return ApiError(409, "Another client has control" if kind == "control" else "The cell refused", error, hint)
 
 
@@ -199,7 +201,7 @@ async def control(person: Operator, service: ServiceOf, body: ControlAsked) -> C
         outcome = f"no answer: {error}"
         raise ApiError(503, "The cell process does not answer", str(error), ABSENT_HINT) from None
     finally:
-        await asyncio.shield(asyncio.to_thread(_write_down, service, person, verb, service.cell.name, body.because, outcome))
+        await service.deeds.note(service.store, person.deed(verb, service.cell.name, body.because), outcome)
     if not reply.ok:
         raise refused(reply.error, reply.hint, reply.kind)
     return CommandAnswer(ok=True, state=str(reply.data.get("state", "")), data=reply.data)
@@ -229,15 +231,10 @@ async def command(person: Operator, service: ServiceOf, verb: Verb, body: CellCo
         outcome = f"refused: {error.detail}"
         raise
     finally:
-        await asyncio.shield(asyncio.to_thread(_write_down, service, person, verb.value, target, body.because, outcome))
+        await service.deeds.note(service.store, person.deed(verb.value, target, body.because), outcome)
     if not reply.ok:
         raise refused(reply.error, reply.hint, reply.kind)
     service.runs.wake()
     snapshot = service.link.snapshot
     state = str(reply.data.get("state") or (snapshot.state if snapshot else ""))
     return CommandAnswer(ok=True, state=state, data=reply.data)
-
-
-def _write_down(service: Service, person: Person, verb: str, target: str, because: str, outcome: str) -> None:
-    with service.store.write() as rows:
-        audit.add(rows, person.deed(verb, target, because), service.store.clock(), outcome)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import cast
@@ -11,6 +11,7 @@ from typing import cast
 from starlette.requests import HTTPConnection
 
 from cellctl.api.cell_link import CellLink
+from cellctl.api.deeds import Deeds
 from cellctl.api.feed import Feed
 from cellctl.api.metrics import Metrics
 from cellctl.api.runs import Runs
@@ -50,6 +51,7 @@ class Service:
     runs: Runs
     inspections: asyncio.Semaphore
     metrics: Metrics
+    deeds: Deeds = field(default_factory=Deeds)
 
     @property
     def stop_port(self) -> int:

@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 
 from cellctl import faults
 from cellctl.domain.jobs import WrongJobStateError
+from cellctl.domain.trouble import trouble_of
 from cellctl.store.idempotency import KeyReusedError
 from cellctl.store.pages import CursorError
 from cellctl.store.parts import NotFoundError
@@ -78,6 +79,8 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
 
 async def _http(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
+    if error.status_code == 400 and trouble_of(error) is not None:  # an upload that the disk has no room for is not the sender's fault
+        return await _any(request, error)
     titles = {404: "Not found", 405: "Method not allowed", 400: "Bad request", 413: "Too large"}
     detail = (
         f"there is nothing at {request.url.path}"
@@ -162,8 +165,10 @@ def install(app: FastAPI) -> None:
 
 
 def _packages_errors() -> list[type[Exception]]:
+    from sqlalchemy.exc import DBAPIError
+
     from cellctl.store import StoreError
     from config import ConfigError
     from planner.errors import PlannerError
 
-    return [ConfigError, PlannerError, StoreError]
+    return [ConfigError, PlannerError, StoreError, DBAPIError, OSError]

@@ -154,6 +154,8 @@ class Runs:
             return ""
         seen = found_of(job).seen
         confirmed_at = job.timestamps.get("table_clear", 0.0)
+        if self._store.clock() < confirmed_at:
+            return f"the computer's clock was set back after {seen}"
         if self._store.clock() - confirmed_at > self._by_hand.table_confirmed_s:
             return f"{seen} more than {self._by_hand.table_confirmed_s / 60.0:.0f} min ago"
         snapshot = self._link.fresh

@@ -11,11 +11,12 @@ from typing import Any
 import msgspec
 import structlog
 
+from cellctl.cell.answering import written
 from cellctl.cell.by_hand import ByHand
 from cellctl.cell.controller import Controller
 from cellctl.cell.preconditions import check_cnc, check_devices, check_program, still_there
 from cellctl.cell.record import END, RUN, StoreError
-from cellctl.cell.refusal import READINESS, Refused
+from cellctl.cell.refusal import READINESS, STORE, Refused
 from cellctl.cell.resetting import reset_steps
 from cellctl.cell.stream import Run
 from cellctl.cell.surroundings import CLEAR, UNTOUCHED
@@ -108,17 +109,15 @@ class Commands:
             reply = Reply(command.id, False, str(error), HINTS.get(error.trigger, ""), kind=kind)
         except Refused as error:
             reply = Reply(command.id, False, error.message, error.hint, kind=error.kind)
-        except (DriverError, PlannerError, StoreError) as error:
+        except StoreError as error:
+            reply = Reply(command.id, False, error.message, error.hint, kind=STORE)
+        except (DriverError, PlannerError) as error:
             reply = Reply(command.id, False, error.message, error.hint)
         except Exception as error:
             log.exception("command failed", verb=command.verb)
             reply = Reply(command.id, False, *self._failed(command.verb, error))
         await self._note(command, reply)
-        try:
-            await self._c.journal.durable()
-        except StoreError as error:
-            return Reply(command.id, reply.ok and command.verb == "stop", error.message, error.hint, reply.data)
-        return reply
+        return await written(self._c.journal, command, reply)
 
     def _failed(self, verb: str, error: Exception) -> tuple[str, str]:
         """What nobody foresaw: latched, and told in one line with a hint."""
@@ -179,7 +178,10 @@ class Commands:
             c.go(T.START, f"{name}: {command.because or 'started'}")
         except (WrongStateError, DriverError, Refused, StoreError):
             c.run = None
-            c.journal.write(END, (c.times.unix(), "aborted", 0, job))
+            if c.journal.withdraw(row):  # the store never had it: the same job may be started again
+                c.found.jobs.discard(job)
+            else:
+                c.journal.write(END, (c.times.unix(), "aborted", 0, job))
             raise
         c.event("job", f"{name}: started by {command.who}", {"outcome": "", "total_lines": run.total})
         return {"job": job, "total_lines": run.total}

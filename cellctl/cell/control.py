@@ -9,6 +9,7 @@ from cellctl.cell.refusal import CONTROL, Refused
 from cellctl.domain.messages import Command
 from cellctl.domain.snapshot import Control
 from config.by_hand import ByHand
+from drivers.interfaces import Clock
 
 FREE = frozenset({"stop", "record", "take_control", "release_control", "present"})
 """Verbs that need no control. A stop is always possible (invariant 2)."""
@@ -18,13 +19,14 @@ Tell = Callable[[str, str, dict[str, Any]], None]
 class ControlToken:
     """Who has control. tell : writes an event down (kind, text, data); found : data of the last such event of an earlier process"""
 
-    def __init__(self, facts: ByHand, unix: Callable[[], float], tell: Tell, found: dict[str, Any] | None) -> None:
+    def __init__(self, facts: ByHand, unix: Callable[[], float], tell: Tell, found: dict[str, Any] | None, wire: Clock) -> None:
         self._facts = facts
         self._unix = unix
+        self._wire = wire
         self._tell = tell
         self.on_taken: Callable[[str], None] = lambda because: None
         self._holder, self._client, self._since = "", "", 0.0
-        self._seen_at = 0.0
+        self._seen_at, self._heard_at = 0.0, wire.now()  # by the clock of day to be told, by the monotonic one to be measured
         if found and found.get("client"):
             self._holder, self._client = str(found["holder"]), str(found["client"])
             self._since = self._seen_at = float(found["since"])
@@ -38,7 +40,10 @@ class ControlToken:
 
     @property
     def _silent_s(self) -> float:
-        return self._unix() - self._seen_at
+        return self._wire.now() - self._heard_at
+
+    def _hear(self) -> None:
+        self._seen_at, self._heard_at = self._unix(), self._wire.now()
 
     @property
     def name(self) -> str:
@@ -50,7 +55,7 @@ class ControlToken:
         """Let a command of the holder pass, take control for the first one while nobody has it. Raises Refused."""
         client = client_of(command)
         if client == self._client:
-            self._seen_at = self._unix()
+            self._hear()
         elif command.verb not in FREE:
             if self._client:
                 raise Refused(f"{command.verb}: {self._told()}", "take control over first, with a reason", CONTROL)
@@ -82,7 +87,8 @@ class ControlToken:
 
     def _give(self, command: Command, text: str, before: str = "") -> None:
         now = self._unix()
-        self._holder, self._client, self._since, self._seen_at = command.who, client_of(command), now, now
+        self._holder, self._client, self._since = command.who, client_of(command), now
+        self._hear()
         data = {"holder": self._holder, "client": self._client, "since": now, "before": before, "because": command.because}
         self._tell("control", text, data)
 

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any
 
 from cellctl.cell.behaviour import STEPS
+from cellctl.cell.clock_watch import ClockWatch
 from cellctl.cell.control import ControlToken
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.light_watch import LightWatch
@@ -93,8 +94,9 @@ class Controller:
         self.is_cnc_alive = False
         self.last_tick_at = times.wire.now()
         self.jog_sent_at: float | None = None
-        self.control = ControlToken(cell.by_hand, times.unix, self.event, self.found.last.get("control"))
+        self.control = ControlToken(cell.by_hand, times.unix, self.event, self.found.last.get("control"), times.wire)
         self.table = TableWatch(cell.by_hand, times.unix)
+        self.clock_watch = ClockWatch(times.wire, times.unix, self.event, self.table)
         self.position = Position(self.event, self.found.last.get("position"))
         self.way_back: Rollback | None = None  # of a guarded sequence that a fault broke off
         self.retract = Retract(self)
@@ -204,6 +206,7 @@ class Controller:
     def tick(self) -> None:
         """Sense, judge, act: once per period, never waiting."""
         now = self.last_tick_at = self.times.wire.now()
+        self.clock_watch.look()
         if self.drivers is None:
             return
         self.pump()

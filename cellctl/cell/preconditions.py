@@ -96,6 +96,8 @@ def signal_of(client: DeviceClient, name: str) -> Signal:
 
 def still_there(code: str, c: Controller) -> str:
     """Why a latched cause is still there, as far as levels show it; empty when it is gone or has to be tried."""
+    if code == "store":
+        return c.journal.failure
     drivers = c.drivers
     if drivers is None:
         return ""
@@ -108,6 +110,8 @@ def still_there(code: str, c: Controller) -> str:
         "feeder_silent": drivers.feeder.client,
         "io_silent": drivers.io.client,
     }
+    if code == "power":
+        return next((why for name in silent if (why := still_there(name, c))), "")
     client = silent.get(code)
     if client is not None and any(
         client.is_stale(name) for name in ("fault_word", "door_closed") if name in client.device.registers

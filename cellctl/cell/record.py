@@ -16,6 +16,7 @@ from typing import Any
 from cellctl.cell.black_box import BlackBox
 from cellctl.cell.journal_rows import END, EVENT, PROGRESS, RUN, SAMPLE, TABLES, Found, Sample, UnfinishedRun, find
 from cellctl.domain.messages import Event
+from cellctl.domain.trouble import of_database
 
 __all__ = ["END", "PROGRESS", "RUN", "SAMPLE", "Found", "Journal", "Sample", "StoreError", "UnfinishedRun"]
 
@@ -86,6 +87,7 @@ class Journal:
         self.on_committed: Callable[[list[Event]], None] = lambda events: None
         self.on_failure: Callable[[str], None] = lambda line: None
         self.commits = 0
+        self.failure = ""  # why the store refused the last commit; empty once it took one
         self._lock = threading.Lock()
         self._wake = threading.Event()  # something is queued
         self._urgent = threading.Event()  # somebody waits for it to be durable
@@ -99,6 +101,7 @@ class Journal:
             self._db.execute("PRAGMA journal_mode=WAL")
             self._db.execute("PRAGMA synchronous=FULL")
             self._db.executescript(TABLES)
+            self._file = _file_of(path)
             self.box = BlackBox(box or path.with_name(f"{path.name}.box"))
         except (sqlite3.Error, OSError) as error:
             raise StoreError(
@@ -132,6 +135,14 @@ class Journal:
         if statement == RUN:
             self._awaited.append(row)
         self._wake.set()
+
+    def withdraw(self, row: Row) -> bool:
+        """Take a row back that has not reached the store; whether it was still queued."""
+        with self._lock:
+            position = next((k for k, (_, queued) in enumerate(self._pending.statements) if queued is row), None)
+            if position is not None:
+                self._pending.without(position)
+        return position is not None
 
     async def durable(self) -> None:
         """Return when all that was queued before is on the disk. Raises StoreError if it cannot be, or if the store refused a run or a
@@ -177,16 +188,19 @@ class Journal:
             _answer(batch, None)
             return
         self.commits += 1
+        self.failure = ""
         _answer(batch, None)
         if events:
             self.on_committed(events)
 
     def _put_back(self, batch: _Pending, error: sqlite3.Error) -> None:
         """The store refuses: nothing is lost, whoever waits is told. Raises StoreError."""
+        trouble = of_database(error)
         refusal = StoreError(
             f"{self.path}: the journal cannot be written: {error}",
-            "make room on the disk or free the store, then reset",
+            f"{trouble.hint if trouble else 'make room on the disk or free the store'}; then reset",
         )
+        self.failure = refusal.message
         with self._lock:
             self._pending.prepend(batch)
         _answer(batch, refusal)
@@ -217,6 +231,8 @@ class Journal:
         """Raises _RowRefusedError for a row that can never be written, sqlite3.Error for the store."""
         names = dict(batch.events)
         events = []
+        if _file_of(self.path) != self._file:  # rows would go to a file that nobody finds again
+            raise sqlite3.OperationalError("unable to open database file: it was removed or replaced")
         self._db.execute("BEGIN IMMEDIATE")
         try:
             for position, (statement, row) in enumerate(batch.statements):
@@ -271,6 +287,15 @@ class Journal:
             self._thread = None
         self._db.close()
         self.box.close()
+
+
+def _file_of(path: Path) -> tuple[int, int]:
+    """Which file the name stands for (device, inode); (0, 0) if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return 0, 0
+    return found.st_dev, found.st_ino
 
 
 def _answer(batch: _Pending, error: Exception | None) -> None:

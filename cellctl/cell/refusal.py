@@ -5,6 +5,7 @@ from __future__ import annotations
 READINESS = "readiness"  # the cell was not ready; nothing has moved, and the same command may do a moment later
 CONTROL = "control"  # another client has control
 TABLE = "table"  # nobody knows any more that the table is clear
+STORE = "store"  # the journal cannot be written
 
 
 class Refused(Exception):

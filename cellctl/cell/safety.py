@@ -23,6 +23,9 @@ FLOW_BAND = 3.0  # times powder_settle_tolerance
 TOOL_GRACE_S = 1.0
 OPENINGS = "_openings"  # ending of the registers that count how often a contact has opened
 BRIEFLY = "it has opened and closed between two readings"
+WIRES = ("cnc_lost", "cnc_silent", "laser_silent", "feeder_silent", "io_silent")
+TOGETHER_S = 2.0  # the slowest signal has gone stale by then, whichever was seen first
+ALL_SILENT = "CNC, laser, powder feeder and I/O coupler answer no more"
 CNC_DOOR_OPEN = (1, 2)  # substates of Door: stopped and still ajar, opened and braking; 0 is closed again, 3 going on
 
 
@@ -150,6 +153,8 @@ class Senses:
 
         told : what is latched, by code. The coupler's own reading comes within its stale limit; what opens later is another matter.
         """
+        if "power" not in told and is_whole(told, self._clock.now()) and self._is_all_silent():
+            yield "power", ALL_SILENT, ""
         for name, code in INTERLOCK_CAUSE.items():
             signal = _signal(self._d.io.client, name)
             if not signal.is_fresh or signal.value or code in told:
@@ -157,6 +162,11 @@ class Senses:
             since = [each.at for known, each in told.items() if is_explained(known, each.detail, by=code)]
             if since and self._clock.now() - max(since) <= signal.stale_s:
                 yield code, "", ""
+
+    def _is_all_silent(self) -> bool:
+        """Whether no device of the machine answers any more."""
+        clients = (self._d.laser.client, self._d.feeder.client, self._d.io.client)
+        return self.cnc_age_s > self._cell.limits.status_stale_s and not any(_signal(one, "heartbeat_readback").is_fresh for one in clients)
 
     def unpermitted_emission(self, hand: LaserHand) -> Iterator[tuple[str, str, str]]:
         """Emission that is read back though the permit has been off for a while."""
@@ -249,6 +259,11 @@ class Senses:
         )
         if self._clock.now() - since > TOOL_GRACE_S:
             yield "tool", f"T{status.tool} is mounted, the program needs T{now.tool}", ""
+
+
+def is_whole(told: Mapping[str, Told], now: float) -> bool:
+    """Whether a wire that fell silent was told so lately that the others, silent too, have the same cause."""
+    return any(code in told and now - told[code].at <= TOGETHER_S for code in WIRES)
 
 
 def _why_silent(client: DeviceClient) -> str:

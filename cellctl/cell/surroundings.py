@@ -15,6 +15,7 @@ from drivers.cnc.status import MOVING
 CLEAR = "the table was found clear", "look again and confirm that it is clear"
 UNTOUCHED = "the part was found untouched", "look again and confirm that it stands untouched on the table"
 """What a person found, and what to do when that counts no more: before a new part, and before one is gone on with."""
+SAME_CLOCK_S = 0.5  # two processes of one computer read the same clock
 SAME_POSITION = 0.01  # mm or deg; firmware prints three decimals
 Tell = Callable[[str, str, dict[str, Any]], None]
 
@@ -56,6 +57,8 @@ class TableWatch:
         """Raises Refused unless a confirmation of this Unix time (s) still counts. found : what was confirmed, CLEAR or UNTOUCHED"""
         seen, remedy = found
         age_s = self._unix() - confirmed_at
+        if age_s < -SAME_CLOCK_S:
+            raise Refused(f"the computer's clock was set back after {seen}", remedy, TABLE)
         if age_s > self._facts.table_confirmed_s:
             raise Refused(f"{seen} {age_s / 60.0:.0f} min ago", remedy, TABLE)
         if self.disturbed_at > confirmed_at:

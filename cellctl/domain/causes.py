@@ -20,6 +20,11 @@ ANYTHING = re.compile("")
 CNC_ALARM_CAUSE: dict[int, str] = {7: "door", 10: "estop"}
 """ALARM number -> cause of which it is the CNC's own word. Source: grblHAL alarms.h."""
 
+ALL_AT_ONCE = (
+    *("laser_silent", "feeder_silent", "io_silent", "cnc_silent", "cnc_lost"),
+    *("cnc_reset", "answer_overdue", "laser_emitting", "dark_pass"),
+)
+"""What a machine whose supply or network has gone is told by, whichever wire is looked at first."""
 EXPLAINS: dict[str, dict[str, re.Pattern[str]]] = {
     "estop": {
         "laser_interlock": ESTOP_WORDS,
@@ -28,6 +33,7 @@ EXPLAINS: dict[str, dict[str, re.Pattern[str]]] = {
         "cnc_alarm": ALARM_BY_ESTOP,
         "cnc_reset": ANYTHING,
     },
+    "power": dict.fromkeys(ALL_AT_ONCE, ANYTHING),
     "door": {"laser_fault": WRONG_VALUE},
     "chiller": {"laser_interlock": COOLING_WORDS, "laser_fault": WRONG_VALUE},
     "gas_pressure": {"powder_flow": ANYTHING, "gas_flow": ANYTHING},

@@ -32,6 +32,10 @@ REACTIONS: dict[str, Words] = {
     "powder_flow": Words("Powder does not flow as set: {detail}", "look for a clog or an empty hopper, then reset"),
     "gas_flow": Words("Gas does not flow as set: {detail}", "look at the gas supply, then reset"),
     "io_silent": Words("The I/O coupler does not answer: {detail}", "look at its power and cable; reset when it answers"),
+    "power": Words(
+        "The whole machine fell silent at once: {detail}",
+        "look at its main switch and supply, then at its network; when all devices answer, reset and home; the job goes on from where metal ended",
+    ),
     "cnc_lost": Words("The serial link to the CNC is lost: {detail}", "look at the cable; reset when it answers"),
     "cnc_silent": Words("The CNC does not answer: {detail}", "look at the CNC; reset when it answers"),
     "cnc_alarm": Words("The CNC is in alarm: {detail}", "{remedy}"),

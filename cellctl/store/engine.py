@@ -14,6 +14,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.exc import DatabaseError
 
+from cellctl.domain.trouble import trouble_of
 from cellctl.store.blobs import Blobs
 
 BUSY_TIMEOUT_MS = 10_000  # the cell process commits ten times a second; a writer waits for it rather than fails
@@ -128,9 +129,9 @@ def upgrade(folder: Path) -> None:
             "use the version that wrote it, or a fresh --store",
         ) from None
     except DatabaseError as error:
-        raise StoreError(
-            f"{folder / DATABASE}: {error.orig}", "it may be damaged: restore a backup, or name a fresh --store"
-        ) from None
+        trouble = trouble_of(error)
+        hint = trouble.hint if trouble is not None else "it may be damaged: restore a backup, or name a fresh --store"
+        raise StoreError(f"{folder / DATABASE}: {error.orig}", hint) from None
     finally:
         engine.dispose()
 
