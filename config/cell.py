@@ -119,6 +119,8 @@ class Cnc(Facts):
     line_length_max: int = Field(256, ge=40, description="characters, without newline")
     rx_margin_bytes: int = Field(4, ge=0, description="of the receive buffer that are never filled: some firmwares count a byte or two too many")
     answer_timeout_s: Positive = Field(5.0, description="for ok or error, beyond the time of the moves ahead of it")
+    tool_change_s: float = Field(120.0, ge=0.0, le=3600.0, description="longest tool change of a control that reports no state Tool meanwhile")
+    spindle_s: float = Field(5.0, ge=0.0, le=120.0, description="longest run-up or run-down of a spindle whose speed the control does not report")
     status_period_s: Positive = Field(0.1, ge=0.05, description="status query period")
     laser_gate_output: int | None = Field(None, ge=0, le=15, description="digital output (M62/M63 P) that gates the laser; none: gate by Modbus")
     power_output: int | None = Field(None, ge=0, le=15, description="analogue output (M67 E) of the laser's power in the stream; none: by Modbus")
@@ -252,7 +254,8 @@ class Cell(Facts):
         Not: the wires, the service's address, the simulation, the reactions, and the limits that only the proof judges by.
         """
         left_out: dict[str, Any] = {
-            "mode": True, "cnc": {"port", "baud"}, "links": True, "service": True, "by_hand": True, "simulation": True, "proof": True,
+            "mode": True, "cnc": {"port", "baud", "tool_change_s", "spindle_s"},
+            "links": True, "service": True, "by_hand": True, "simulation": True, "proof": True,
             "reactions": True, "limits": {"retract_mm"},
             "machine": {"solids": {"__all__": {"file"}}},
         }  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 from drivers.cnc.events import LineCounts, Status
@@ -15,21 +16,29 @@ WORDS = re.compile(r"([GMFP])(-?\d*\.?\d+)")
 NUMBER = re.compile(r"N(\d+)")
 NUMBERS = re.compile(r"^N(\d+)", re.MULTILINE)
 BLOCK_LINES = 32  # read and checked at once: a fraction of a millisecond
-TOOL_CHANGE_S = 120.0  # longest tool change of an automatic changer that reports no state of its own
-SPINDLE_S = 15.0  # longest run-up or run-down of a spindle
 TIMED_LINES = 4096  # more than any planner and receive buffer hold; older lines have been executed
 IDLE_REPORTS = 5  # Idle so often in a row is standstill even if the planner never says that it is empty
+
+
+@dataclass(frozen=True)
+class Pauses:
+    """How long lines without motion may take, as the cell file has it (s)."""
+
+    tool_change_s: float = 0.0
+    spindle_s: float = 0.0
 
 
 class ProgramStream:
     """Lines from index `first` on; a Sequence is read where it is needed, an Iterable once: memory stays constant.
 
     times_s : predicted end of each line, s from the start of the program, same index as lines (optional).
+    pauses : of lines without motion
     """
 
     def __init__(
-        self, lines: Sequence[str] | Iterable[str], first: int, line_max: int, times_s: Sequence[float] | None = None
-    ) -> None:
+        self, lines: Sequence[str] | Iterable[str], first: int, line_max: int, times_s: Sequence[float] | None = None,
+        pauses: Pauses = Pauses(),
+    ) -> None:  # fmt: skip
         self.total = len(lines) if isinstance(lines, Sequence) else None
         self.first = first
         self.released = first
@@ -44,7 +53,8 @@ class ProgramStream:
         self._ahead: deque[str] = deque()  # read from the source, not taken yet
         self._plain_max = 0  # longest of the lines read, if none of them needs a look of its own
         self._held: deque[str] = deque()  # lines executed.. sent, as far back as TIMED_LINES
-        self._mode = InverseTime()  # before the first of those
+        self._pauses = pauses
+        self._mode = InverseTime(pauses)  # before the first of those
         self._told: tuple[int, int, float] = (first, first, 0.0)  # executed, sent and the time by words between them
         self._idle_reports = 0
 
@@ -124,7 +134,7 @@ class ProgramStream:
             planned = float(self._times_s[self.sent - 1]) - float(before)
         executed, sent, by_words = self._told
         if (executed, sent) != (self.executed, self.sent):
-            mode = InverseTime(self._mode.is_on)
+            mode = InverseTime(self._pauses, self._mode.is_on)
             by_words = sum(mode.seconds(line) for line in self._held)
             self._told = (self.executed, self.sent, by_words)
         return max(planned, by_words)
@@ -156,7 +166,8 @@ class ProgramStream:
 class InverseTime:
     """Time of lines by their words: G93 with F, dwell, tool change, spindle."""
 
-    def __init__(self, is_on: bool = False) -> None:
+    def __init__(self, pauses: Pauses, is_on: bool = False) -> None:
+        self._pauses = pauses
         self.is_on = is_on  # G93 holds
 
     def seconds(self, line: str) -> float:
@@ -174,9 +185,9 @@ class InverseTime:
                 self.is_on = value == 93 or (self.is_on and value != 94)
                 is_dwell = is_dwell or value == 4
             elif value == 6:
-                seconds += TOOL_CHANGE_S
+                seconds += self._pauses.tool_change_s
             elif value in (3, 4, 5):
-                seconds += SPINDLE_S
+                seconds += self._pauses.spindle_s
         if is_dwell:
             return seconds + pause
         return seconds + (60.0 / feed if self.is_on and feed > 0 else 0.0)

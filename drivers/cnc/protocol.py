@@ -26,6 +26,7 @@ from drivers.cnc.status import MalformedReport, StatusReader
 
 STATUS, HOLD, RESUME, RESET = b"?", b"!", b"~", b"\x18"
 JOG_CANCEL, FULL_STATUS = b"\x85", b"\x87"  # FULL_STATUS: grblHAL only, other firmwares start a macro on it
+SPINDLE_STOP = b"\x9e"  # in a hold only: stops a spindle that turns, lets go one that it stopped
 FEED_100, FEED_UP_10, FEED_DOWN_10, FEED_UP_1, FEED_DOWN_1 = b"\x90", b"\x91", b"\x92", b"\x93", b"\x94"
 
 LINE_BYTES_MAX = 4096  # no firmware sends a longer line; what is longer is noise
@@ -89,6 +90,11 @@ class GrblProtocol:
     def oldest(self) -> Sent | None:
         """The line that the next answer belongs to."""
         return self._sent[0] if self._sent else None
+
+    @property
+    def unanswered_texts(self) -> list[str]:
+        """The lines that wait for their answer, oldest first."""
+        return [sent.text for sent in self._sent]
 
     def has_room(self, size: int) -> bool:
         """Whether a line of `size` bytes, newline included, fits the controller's buffer now."""
