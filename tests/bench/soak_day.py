@@ -1,0 +1,207 @@
+"""A day at a served cell: job after job with holds, stops, consoles that come and go and a plan now and then, and what became of it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+
+import httpx
+import trimesh
+import websockets
+
+from cellctl.api.cell_link import CellLink
+from cellctl.client import Client, ServiceError
+from cellctl.domain.messages import Event, Reply
+from cellctl.domain.snapshot import Snapshot
+from tests.bench.served import Served
+from tests.bench.soak_far_end import TOLD
+from tests.bench.soak_watch import Watch
+
+CLIENT = "soak"
+WHO = "operator"
+CONSOLES = 3
+LOOK_S = 1.0
+STATE_S = 90.0  # until the cell is in a state that it is on its way to
+JOB_S = 900.0
+STOP_EVERY = 5  # jobs: one of so many is stopped in the midst
+PLAN_EVERY = 3
+HOLDS_PER_JOB = 3
+PLANNED = ("waiting_for_approval", "failed", "proven")
+Document = dict[str, object]
+
+
+class Day:
+    """One soak. programs : folders that are run in turn; `live` until so many simulated hours are over"""
+
+    def __init__(self, service: Served, programs: list[Path], watch: Watch, hours: float) -> None:
+        self.service, self._programs, self._watch, self._hours = service, programs, watch, hours
+        self._chance = random.Random(7)
+        self.link = CellLink(service.run / "cell.sock", self._snapshot, self._event, lambda: None)
+        self.sent: Counter[str] = Counter()  # commands by verb that were answered
+        self.started: list[str] = []
+        self.faults: list[str] = []
+        self.events: list[int] = []  # seq of every event that came
+        self.longest_ms = self.jitter_ms = 0.0
+        self.first: Snapshot | None = None
+        self.plans: Counter[str] = Counter()
+        self.consoles = 0
+
+    # -- what is told --------------------------------------------------------------------------------------------------
+
+    def _snapshot(self, snapshot: Snapshot) -> None:
+        if snapshot.cnc.connected and self.first is None:
+            self.first = snapshot
+        self.longest_ms = max(self.longest_ms, snapshot.tick.longest_ms)
+        self.jitter_ms = max(self.jitter_ms, snapshot.tick.jitter_p99_ms)
+
+    def _event(self, event: Event) -> None:
+        self.events.append(event.seq)
+        if event.kind == "alarm":
+            self.faults.append(event.text)
+
+    @property
+    def state(self) -> str:
+        """The cell's state."""
+        return self.link.snapshot.state if self.link.snapshot is not None else ""
+
+    @property
+    def witness(self) -> dict[str, float]:
+        """What the plant's witness told last."""
+        seen: dict[str, float] = json.loads((self.service.run / TOLD).read_text(encoding="utf-8"))
+        return seen
+
+    @property
+    def hour(self) -> float:
+        """Simulated hours since the far end began."""
+        return float(self.witness["process_s"]) / 3600.0
+
+    # -- the day -------------------------------------------------------------------------------------------------------
+
+    async def live(self) -> None:
+        """All of it. Raises TimeoutError, RuntimeError with what the cell said."""
+        async with asyncio.TaskGroup() as group:
+            tasks = [group.create_task(self.link.run()), group.create_task(self._look())]
+            tasks += [group.create_task(self._console()) for _ in range(CONSOLES)]
+            await self.until(lambda: self.state == "IDLE" and (self.service.run / TOLD).exists())
+            k = 0
+            while self.hour < self._hours:
+                async with self._passer_by():
+                    await self._job(k)
+                if k % PLAN_EVERY == 0:
+                    self._plan = group.create_task(asyncio.to_thread(self._plan_a_part))
+                    tasks.append(self._plan)
+                k += 1
+            with suppress(asyncio.CancelledError):
+                await self._plan
+            for task in tasks:
+                task.cancel()
+
+    async def until(self, holds: Callable[[], bool], seconds: float = STATE_S) -> None:
+        """Wait. Raises TimeoutError with the cell's words."""
+        try:
+            async with asyncio.timeout(seconds):
+                while not holds():
+                    await asyncio.sleep(0.05)
+        except TimeoutError:
+            told = self.link.snapshot
+            words = f"{told.state}: {told.because}; {told.waiting}; {[a.cause for a in told.alarms]}" if told else "no snapshot"
+            raise TimeoutError(f"not within {seconds:g} s; {words}") from None
+
+    async def command(self, verb: str, **args: object) -> Reply:
+        """One command over the cell's socket, counted."""
+        reply = await self.link.command(verb, WHO, "soak", args, client=f"{WHO}/{CLIENT}", timeout_s=STATE_S)
+        self.sent[verb] += 1
+        return reply
+
+    async def _job(self, k: int) -> None:
+        job = f"soak-{k}"
+        reply = await self.command("start", job=job, name=job, program=str(self._programs[k % len(self._programs)]))
+        if not reply.ok:
+            self.faults.append(f"start: {reply.error}")
+            await self._recover()
+            return
+        self.started.append(job)
+        is_stopped = k % STOP_EVERY == STOP_EVERY - 1
+        for _ in range(HOLDS_PER_JOB):
+            await asyncio.sleep(self._chance.uniform(0.5, 3.0))
+            if self.state == "RUNNING" and (await self.command("hold")).ok:
+                await self.until(lambda: self.state in ("HELD", "IDLE", "FAULT"))
+                await asyncio.sleep(self._chance.uniform(0.0, 0.3))
+                if self.state == "HELD":
+                    await self.command("resume")
+        if is_stopped and self.state not in ("IDLE", "FAULT"):
+            await self.command("stop")
+        await self.until(lambda: self.state in ("IDLE", "FAULT", "STOPPED", "UNHOMED"), JOB_S)
+        await self._recover()
+
+    async def _recover(self) -> None:
+        """Back to IDLE, as a person would bring it there."""
+        async with asyncio.timeout(STATE_S):
+            while self.state != "IDLE":
+                if self.state in ("FAULT", "STOPPED"):
+                    await self.command("reset")
+                elif self.state == "UNHOMED":
+                    await self.command("home")
+                elif self.state == "HELD":
+                    await self.command("abort")
+                await asyncio.sleep(0.3)
+
+    async def _look(self) -> None:
+        while True:
+            if (self.service.run / TOLD).exists():
+                self._watch.look(self.hour)
+            await asyncio.sleep(LOOK_S)
+
+    async def _console(self) -> None:
+        """One live feed, read for ever."""
+        headers = {"Authorization": f"Bearer {self.service.token}"}
+        url = self.service.url.replace("http", "ws") + "/api/v1/live"
+        async with websockets.connect(url, additional_headers=headers, proxy=None) as feed:
+            self.consoles += 1
+            while True:
+                await feed.recv()
+
+    @asynccontextmanager
+    async def _passer_by(self) -> AsyncIterator[None]:
+        """A console that is opened for one job, and what it asks for."""
+        watching = asyncio.create_task(self._console())
+        headers = {"Authorization": f"Bearer {self.service.token}"}
+        async with httpx.AsyncClient(base_url=self.service.url, headers=headers, trust_env=False, timeout=30.0) as client:
+            for path in ("cell", "cell/events?limit=100", "jobs", "parts"):
+                await client.get(f"/api/v1/{path}")
+            try:
+                yield
+            finally:
+                watching.cancel()
+                await asyncio.gather(watching, return_exceptions=True)
+
+    def _plan_a_part(self) -> None:
+        """Upload a block that differs from the last, have it planned, posted and proven, and give it up. Runs in a thread."""
+        path = self.service.run / "block.stl"
+        trimesh.creation.box((10.0 + self.plans.total() % 7, 8.0, 1.6)).export(path)
+        recipe: Document = {"layer_height_mm": 0.8, "decompose": "never"}
+        with Client(self.service.url, self.service.token, name=CLIENT) as client:
+            try:
+                part = client.upload(path)
+                job = client.submit(str(part["id"]), recipe=recipe)
+                for _ in range(1200):
+                    state = str(client.job(str(job["id"]))["state"])
+                    if state in PLANNED:
+                        break
+                    _pause()
+                self.plans[state] += 1
+                if state != "failed":
+                    client.cancel(str(job["id"]), "soak")
+            except ServiceError as error:
+                self.plans[f"refused: {error.message}"] += 1
+
+
+def _pause() -> None:
+    import time
+
+    time.sleep(0.5)
