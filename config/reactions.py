@@ -23,6 +23,10 @@ class Reaction(Facts):
     latch: bool = Field(True, description="the fault stays until an operator resets it; false: the job is held, and resumed by the operator")
     ends_job: bool = Field(False, description="the job is over (interrupted); otherwise it is held and can be resumed after the reset")
 
+    def at_rest(self) -> Reaction:
+        """The same for a job whose machine stands at a barrier: nothing is buffered, and nothing is lost."""
+        return self.model_copy(update={"motion": "hold", "ends_job": False})
+
     @property
     def drops_stream(self) -> bool:
         """Whether what is buffered in the control is lost: a held control cannot retract without losing it."""

@@ -120,21 +120,23 @@ def _resuming(cell: Controller, drivers: CellDrivers, now: float) -> None:
     run = cell.run
     assert run is not None
     if run.stands_before_barrier:
-        run.begin_barrier()
+        run.begin_barrier(again=True)
         cell.go(T.BARRIER_REACHED, "the cell is prepared again")
         return
     if cell.transaction is None:
         to_nozzle(cell)
-        cell.transaction = Transaction([*run.restore(), _motion_again(drivers, now)])
+        cell.transaction = Transaction([*run.restore(), _motion_again(cell, drivers, now)])
     if cell.transaction.advance(now):
         cell.go(T.MOVED, "the job goes on")
 
 
-def _motion_again(drivers: CellDrivers, now: float) -> Step:
+def _motion_again(cell: Controller, drivers: CellDrivers, now: float) -> Step:
     said_at = [now]
 
     def resume() -> None:
         drivers.cnc.resume()
+        if cell.run is not None:
+            cell.run.follower.command_resume(cell.times.wire.now())
         drivers.cnc.query_status()
 
     def goes_on() -> bool:

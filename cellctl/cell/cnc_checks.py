@@ -8,7 +8,7 @@ from cellctl.cell.transaction import Step
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
 from drivers.cnc.events import Status
-from drivers.cnc.protocol import FULL_STATUS
+from drivers.cnc.protocol import FULL_STATUS, SPINDLE_STOP
 from drivers.errors import DriverError
 from drivers.interfaces import Clock
 
@@ -105,7 +105,11 @@ class CncChecks:
 
         def turn() -> None:
             status = self._status
-            if status is not None and status.has_rpm and status.rpm <= SPINDLE_STANDS_RPM:
+            if status is None or not status.has_rpm or status.rpm > SPINDLE_STANDS_RPM:
+                return
+            if status.is_held:
+                self._d.cnc.urge(SPINDLE_STOP)  # it was stopped in the hold, and is let go again there
+            else:
                 self._d.cnc.enqueue(f"M3 S{rpm:.0f}")
 
         return Step(
@@ -120,12 +124,17 @@ class CncChecks:
         )
 
     def spindle_off(self) -> Step:
-        """Stop the spindle of a CNC that stands and waits."""
+        """Stop the spindle of a CNC that stands and waits, or is held."""
 
         def stop() -> None:
-            if self._status is not None and self._status.is_idle and not self._d.cnc.is_halted:
-                with contextlib.suppress(DriverError):  # a line that is lost is told by its own alarm
+            status = self._status
+            if status is None or self._d.cnc.is_halted:
+                return
+            with contextlib.suppress(DriverError):  # a line that is lost is told by its own alarm
+                if status.is_idle:
                     self._d.cnc.enqueue("M5")
+                elif status.is_held and status.rpm > SPINDLE_STANDS_RPM:  # the byte lets one go that stands
+                    self._d.cnc.urge(SPINDLE_STOP)
 
         return Step(
             "stopping the spindle",

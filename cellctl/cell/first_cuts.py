@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 
 import numpy as np
 
@@ -10,19 +11,38 @@ from planner.program import LineKind, Program
 
 COMMENT = re.compile(r"\([^)]*\)|;.*")
 SPINDLE_ON = re.compile(r"\bM0?[34](?!\d)")
+SPINDLE_OFF = re.compile(r"\bM0?[56](?!\d)")  # a changer stops the spindle
 SPEED = re.compile(r"S(\d+(?:\.\d*)?)")
 COMMANDS = (LineKind.SETUP, LineKind.TOOL)
 
 
-def first_cuts(program: Program) -> dict[int, float]:
-    """N-word (from 1) of the first move behind each line that sets the spindle going -> its speed (rpm)."""
-    kinds = program.table["kind"]
-    moving = np.flatnonzero(~np.isin(kinds, (LineKind.SETUP, LineKind.TOOL, LineKind.DWELL)))
-    found: dict[int, float] = {}
-    for index in np.flatnonzero(np.isin(kinds, COMMANDS)):
+def spindle_speeds(program: Program) -> list[tuple[int, float]]:
+    """(index of a line, rpm from there on) for every line that sets the spindle going or stops it (0), in their order."""
+    found: list[tuple[int, float]] = []
+    asked = 0.0
+    for index in np.flatnonzero(np.isin(program.table["kind"], COMMANDS)):
         text = COMMENT.sub("", program.lines[int(index)])
-        speed = SPEED.search(text) if SPINDLE_ON.search(text) else None
-        place = int(np.searchsorted(moving, index))
-        if speed is not None and float(speed.group(1)) > 0.0 and place < len(moving):
-            found[int(moving[place]) + 1] = float(speed.group(1))
+        speed = SPEED.search(text)
+        asked = float(speed.group(1)) if speed is not None else asked
+        if SPINDLE_ON.search(text):
+            found.append((int(index), asked))
+        elif SPINDLE_OFF.search(text):
+            found.append((int(index), 0.0))
     return found
+
+
+def first_cuts(program: Program, speeds: list[tuple[int, float]]) -> dict[int, float]:
+    """N-word (from 1) of the first move behind each line that sets the spindle going -> its speed (rpm)."""
+    moving = np.flatnonzero(~np.isin(program.table["kind"], (LineKind.SETUP, LineKind.TOOL, LineKind.DWELL)))
+    found: dict[int, float] = {}
+    for index, rpm in speeds:
+        place = int(np.searchsorted(moving, index))
+        if rpm > 0.0 and place < len(moving):
+            found[int(moving[place]) + 1] = rpm
+    return found
+
+
+def speed_at(speeds: list[tuple[int, float]], index: int) -> float:
+    """Speed (rpm) that holds for line `index`; 0 where the spindle stands."""
+    place = bisect_right(speeds, index, key=lambda entry: entry[0])
+    return speeds[place - 1][1] if place > 0 else 0.0

@@ -81,7 +81,8 @@ class Modes:
         ]
 
     def cutting(self, tool: int | None, offset: dict[str, float], rpm: float) -> list[Step]:
-        """Before the first cut behind a tool change: laser dark, head out of the way, tool, datum, and the spindle at its speed."""
+        """Before the first cut behind a tool change, and before one that was held goes on: laser dark, head out of the way, tool, datum,
+        and the spindle at its speed (rpm; 0: it is to stand, and nothing is asked of it)."""
         io = self._d.io
         parked = Step(
             "checking that the deposition head is parked",
@@ -96,7 +97,7 @@ class Modes:
             parked,
             *([self._cnc.tool(tool)] if tool is not None else []),
             self._cnc.datum(offset),
-            self._cnc.spindle_turns(rpm),
+            *([self._cnc.spindle_turns(rpm)] if rpm > 0.0 else []),
         ]
 
     def dark(self, purpose: str) -> list[Step]:
@@ -122,11 +123,11 @@ class Modes:
         """What every way back begins with: a dark laser, and no powder."""
         return [self.laser_off("the way back"), self.powder_off()]
 
-    def stand_down(self, mode: int, *, is_idle: bool) -> list[Step]:
-        """What undoes a mode that an earlier sequence had set up. is_idle : whether the CNC stands and takes a command"""
+    def stand_down(self, mode: int, *, is_standing: bool) -> list[Step]:
+        """What undoes a mode that an earlier sequence had set up. is_standing : whether the CNC waits, or is held, and can stop its spindle"""
         if mode == DEPOSIT:
             return [self.gas_off(), self.park()]
-        return [self._cnc.spindle_off()] if mode == MILL and is_idle else []
+        return [self._cnc.spindle_off()] if mode == MILL and is_standing else []
 
     # -- single changes to the safe side -------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 
 from drivers.cell_wires import CellDrivers
 from drivers.errors import LinkError
@@ -22,6 +23,8 @@ class Quiesce:
         self._wants_reset = False
         self._began_at = 0.0
         self._said_at = -1.0
+        self._is_braking = False  # a hold was said since `begin`
+        self.on_hold: Callable[[float], None] = lambda at: None  # told when the machine begins to brake, wire time (s)
 
     def begin(self, now: float, *, reset: bool, lead_s: float = 0.0) -> None:
         """Come to rest from now on; harmless twice: a reset that is on its way is not put off by asking again.
@@ -34,6 +37,7 @@ class Quiesce:
             self._said_at = min(self._said_at, first_at)
         else:
             self._began_at, self._said_at = now, first_at
+            self._is_braking = False
         self._wants_reset = reset
         self.is_reset = False
         self.advance(now)
@@ -92,3 +96,6 @@ class Quiesce:
             if state == "Jog":
                 cnc.jog_cancel()
             cnc.hold()
+            if not self._is_braking:
+                self._is_braking = True
+                self.on_hold(now)

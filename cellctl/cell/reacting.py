@@ -9,7 +9,7 @@ from cellctl.domain.causes import is_explained
 from cellctl.domain.reactions import explain
 from cellctl.domain.snapshot import Alarm
 from cellctl.domain.states import IN_JOB, LATCHED, State, Trigger
-from config.reactions import Reaction
+from config.reactions import CHECKED_AT_REST, Reaction
 
 if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
@@ -37,6 +37,8 @@ def react(c: Controller, code: str, detail: str = "", remedy: str = "") -> None:
         return
     cause = _latch(c, code, detail, remedy)
     before = c.state
+    if before is S.PREPARING and code in CHECKED_AT_REST and not c.quiesce.outcome:
+        reaction = reaction.at_rest()
     c.go(T.FAULTED, cause)
     if c.drivers is not None:
         _carry_out(c, code, reaction, before, lead_s)

@@ -8,9 +8,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from cellctl.cell.first_cuts import first_cuts
+from cellctl.cell.first_cuts import first_cuts, speed_at, spindle_speeds
 from cellctl.cell.laser_hand import LaserHand
-from cellctl.cell.modes import DEPOSIT, SAFE, Modes
+from cellctl.cell.modes import DEPOSIT, MILL, SAFE, Modes
 from cellctl.cell.opened_program import timeline_of, tools_of
 from cellctl.cell.power_share import PowerShare
 from cellctl.cell.program_text import gate_of_lines as gate_of_lines
@@ -50,7 +50,8 @@ class Run:
         self.name = name
         self.program = program
         schedule = program.schedule
-        self._cuts = first_cuts(program)
+        self._speeds = spindle_speeds(program)
+        self._cuts = first_cuts(program, self._speeds)
         self._barriers = np.unique([*schedule["n"][schedule["barrier"] == 1], *self._cuts]).astype(np.int64)
         told = told_limits(drivers.cnc.told_settings, program.axis_letters)
         self.timeline = replace(timeline_of(program, cell), actual=told)
@@ -231,14 +232,19 @@ class Run:
         """A line was answered at wire time `at` (s)."""
         self._answered_at = at
 
-    def begin_barrier(self) -> None:
-        """Make the guarded sequence of the line that is next; a beginning without barrier has none."""
+    def begin_barrier(self, *, again: bool = False) -> None:
+        """Make the guarded sequence of the line that is next; a beginning without barrier has none.
+
+        again : the cell has stood in a hold or a fault since, so that the mode which the Program is in is set up anew first
+        """
         self.judge.standstill("the cell prepares the next operation")
         steps = [self._idle()]
         n = self._released + 1
         self._set_up_to(n - 1)
-        for row in np.flatnonzero((self._schedule["n"] == n) & (self._schedule["barrier"] == 1)):
-            entry = self._schedule[row]
+        entries = [self._schedule[row] for row in np.flatnonzero((self._schedule["n"] == n) & (self._schedule["barrier"] == 1))]
+        if again and self.mode == DEPOSIT and not any(entry["channel"] == Channel.MODE for entry in entries):
+            steps += self._deposit_again()
+        for entry in entries:
             steps += self._steps(int(entry["channel"]), float(entry["value"]), n - 1)
         if n in self._cuts:
             steps += self._modes.cutting(self.tool_at(n - 1), self.offset, self._cuts[n])
@@ -299,15 +305,17 @@ class Run:
 
     def restore(self) -> list[Step]:
         """What has to be verified again before motion goes on after a hold."""
-        steps: list[Step] = []
         if self.mode == DEPOSIT:
-            steps += self._modes.deposit(self.tool_at(self.line + 1), self.offset)
-            steps += [
-                self._modes.gas(True, self.wanted.carrier_gas_l_min),
-                self._modes.gas(False, self.wanted.shield_gas_l_min),
-            ]
-            steps += self._modes.powder(self.wanted.powder_g_min)
-        return steps
+            return self._deposit_again()
+        if self.mode == MILL:
+            return self._modes.cutting(self.tool_at(self.line + 1), self.offset, speed_at(self._speeds, self.line))
+        return []
+
+    def _deposit_again(self) -> list[Step]:
+        wanted = self.wanted
+        steps = self._modes.deposit(self.tool_at(self.line + 1), self.offset)
+        steps += [self._modes.gas(True, wanted.carrier_gas_l_min), self._modes.gas(False, wanted.shield_gas_l_min)]
+        return [*steps, *self._modes.powder(wanted.powder_g_min)]
 
     # -- emission ------------------------------------------------------------------------------------------------------
 

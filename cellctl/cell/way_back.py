@@ -25,8 +25,8 @@ def begin_way_back(c: Controller, failed: str) -> None:
     if c.run is not None:
         c.run.transaction = None
     status = c.drivers.cnc.status
-    is_idle = c.is_cnc_alive and status is not None and status.is_idle
-    last = c.modes.stand_down(c.run.mode if c.run is not None else SAFE, is_idle=is_idle)
+    is_standing = c.is_cnc_alive and status is not None and (status.is_idle or status.is_held)
+    last = c.modes.stand_down(c.run.mode if c.run is not None else SAFE, is_standing=is_standing)
     c.way_back = Rollback(c.modes.back(), broken, last, failed, lambda: why_not_move(c))
 
 
