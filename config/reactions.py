@@ -75,6 +75,8 @@ DEFAULTS: dict[str, Reaction] = {
 }
 """Cause -> reaction where the cell file says nothing. Motion, ends_job and latch are also the floor, but for what stands below."""
 
+CHECKED_AT_REST = frozenset({"tool", "datum"})
+"""Found by a check before anything moves, these hold the job: it is put right, reset, and the check is done again."""
 MAY_KEEP_POWDER = frozenset({"chiller", "laser_fault", "laser_interlock", "laser_silent", "store"})
 """Causes at which flowing powder harms nothing: nobody is in the cell, and the flow itself is sound."""
 MAY_PASS = frozenset({"chiller", "gas_pressure", "fume_extraction", "powder_flow", "gas_flow", "feeder_fault"})

@@ -114,19 +114,19 @@ class Controller:
         self.senses = Senses(self.cell, drivers, self.times.wire)
         self.modes = Modes(self.cell, drivers, self.times.wire, self.hand)
         self.quiesce = Quiesce(drivers)
+        self.quiesce.on_hold = self._brakes
         for client in (drivers.io.client, drivers.laser.client, drivers.feeder.client):
             client.on_level = self.judge
-        self.quiesce.on_hold = self._brakes
         self.hand.lock("the cell process has started")
         drivers.laser.safe()
         drivers.feeder.safe()
 
-    def _recover(self) -> None:
-        """Runs that no process ended become interrupted; faults and a stop that nobody reset stay latched."""
     def _brakes(self, at: float) -> None:
         if self.run is not None:
             self.run.follower.command_hold(at)
 
+    def _recover(self) -> None:
+        """Runs that no process ended become interrupted; faults and a stop that nobody reset stay latched."""
         for run in self.found.unfinished:
             text = f"{run.name}: interrupted after line {run.last_line} of {run.total_lines}; the cell process ended"
             self.journal.write(END, (self.times.unix(), "interrupted", run.last_line, run.job))
