@@ -33,6 +33,7 @@ READY_S = 60.0
 POLL_S = 0.2
 TOKEN_FILE = "operator.token"
 ADDRESS_FILE = "service.json"
+TAKE_OVER_S = 10.0  # a service that was killed has left a web process that ends within that time
 BAD_INPUT = 2  # exit code of a process that cannot work with what it was given
 
 
@@ -86,6 +87,7 @@ class Keeper:
     ending: bool = False
     failure: str = ""
     starts: int = field(default=0)
+    has_worked: bool = False  # with this input: what it refuses later (a disk that is full, a store that is locked) will pass
 
     async def keep(self) -> None:
         """Start, wait, start again, until `end`. Returns with `failure` set if the process says that its input is bad."""
@@ -102,11 +104,13 @@ class Keeper:
             lived = time.monotonic() - started
             if self.ending:
                 return
-            if code == BAD_INPUT and lived < STEADY_S:
+            self.has_worked = self.has_worked or lived > STEADY_S
+            if code == BAD_INPUT and not self.has_worked:
                 self.failure = last_line(self.log) or f"the {self.name} process cannot start"
                 return
             delay = 0.0 if lived > LASTING_S else min(max(2 * delay, BACK_OFF_FIRST_S), BACK_OFF_MAX_S)
             how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+            how += f", {last_line(self.log)}" if code == BAD_INPUT else ""
             self.say(f"the {self.name} process {how}; it starts again in {delay:.1f} s (log: {self.log})")
 
     async def end(self) -> None:
@@ -147,6 +151,22 @@ def free_port(host: str, port: int) -> int:
                 f"cannot listen at {host}:{port}: {error.strerror}", "name another one with --port or --stop-port"
             ) from None
         return int(probe.getsockname()[1])
+
+
+async def port_left(run: Path, host: str, port: int) -> int:
+    """`free_port`; where a service was killed, once its web process has let go of it. Raises ServeError."""
+    left = run / ADDRESS_FILE
+    end = time.monotonic() + (TAKE_OVER_S if left.exists() else 0.0)
+    while True:
+        try:
+            taken = free_port(host, port)
+        except ServeError:
+            if time.monotonic() > end:
+                raise
+            await asyncio.sleep(POLL_S)
+        else:
+            left.unlink(missing_ok=True)
+            return taken
 
 
 @contextmanager
@@ -228,7 +248,7 @@ class Supervisor:
             upgrade(options.store)
             check_reach(options.store, host)
             adopted = cell_process_at(options.run / "cell.sock")
-            port = free_port(host, cell.service.port if options.port is None else options.port)
+            port = await port_left(options.run, host, cell.service.port if options.port is None else options.port)
             wanted = cell.service.stop_port if options.stop_port is None else options.stop_port
             stop_port = int((options.run / "stop_port").read_text()) if adopted else free_port(host, wanted)
             address = Address(host, port, stop_port)
@@ -273,7 +293,7 @@ class Supervisor:
                     announced.result()
         finally:
             (self._options.run / ADDRESS_FILE).unlink(missing_ok=True)
-            await asyncio.gather(web.end(), cell.end(), self._end_adopted(adopted))
+            await asyncio.gather(web.end(), cell.end(), self._end_adopted(cell))
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -283,14 +303,23 @@ class Supervisor:
 
     async def _keep_cell(self, cell: Keeper, adopted: int | None) -> None:
         """A cell process that an earlier service left running is kept until it ends: it may be in a job."""
-        if adopted is not None:
-            self._say(f"the cell process {adopted} of an earlier service is running; it is kept")
-        while adopted is not None and cell_process_at(self._options.run / "cell.sock") == adopted:
-            await asyncio.sleep(POLL_S)
-        await cell.keep()
+        socket_path = self._options.run / "cell.sock"
+        while True:
+            if adopted is not None:
+                self._say(f"the cell process {adopted} of an earlier service is running; it is kept")
+                cell.has_worked = True
+            while adopted is not None and cell_process_at(socket_path) == adopted:
+                await asyncio.sleep(POLL_S)
+            await cell.keep()
+            adopted = cell_process_at(socket_path) if cell.failure else None
+            if adopted is None:
+                return
+            cell.failure = ""  # one of an earlier service, that was on its way up, was first
 
-    async def _end_adopted(self, adopted: int | None) -> None:
-        if adopted is not None and cell_process_at(self._options.run / "cell.sock") == adopted:
+    async def _end_adopted(self, cell: Keeper) -> None:
+        own = cell.process.pid if cell.process is not None else None
+        adopted = cell_process_at(self._options.run / "cell.sock")
+        if adopted is not None and adopted != own:
             with suppress(ProcessLookupError):
                 os.kill(adopted, signal.SIGTERM)
 

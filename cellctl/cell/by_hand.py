@@ -108,6 +108,8 @@ class ByHand:
     async def _home(self, drivers: CellDrivers) -> None:
         if await self._is_safe(drivers, "homing", parks=True):
             await drivers.cnc.home()
+            homed_at = self._c.times.wire.now()  # reports that were formed before may still tell the lock that homing has opened
+            await drivers.cnc.wait_until(lambda: self._is_unlocked(drivers, homed_at), UNLOCKED_S)
             if self._c.state is S.HOMING:
                 self._c.position.trust("homed")
                 self._c.go(T.HOMED, "homed")
@@ -142,7 +144,7 @@ class ByHand:
     async def _is_safe(self, drivers: CellDrivers, purpose: str, *, parks: bool) -> bool:
         """Carry the guarded steps before motion out; whether motion may begin. Raises StepFailedError."""
         c, state = self._c, self._c.state
-        transaction = c.transaction = Transaction(c.modes.by_hand(purpose, parks=parks))
+        transaction = c.transaction = Transaction([*c.modes.by_hand(purpose, parks=parks), c.gate.step()])
         while not transaction.advance(c.times.wire.now()):
             await c.times.wire.sleep(c.cell.limits.tick_s)
             if c.state is not state or (state is S.JOGGING and self.jog is not None and self.jog.ended):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import os
 import socket
 import struct
 from collections import deque
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import TextIO
 
 import msgspec
 
@@ -89,9 +91,11 @@ class IpcServer:
         self._tasks: set[asyncio.Task[None]] = set()
         self._server: asyncio.Server | None = None
         self._path: Path | None = None
+        self._lock: TextIO | None = None  # held as long as the process lives: of two that start at once one has the wires
 
     async def start(self, path: Path) -> None:
         """Listen on a socket that only this user can open. Raises OSError, FileExistsError if another cell process listens there."""
+        self._lock = _locked(path.with_suffix(".lock"))
         if path.exists():
             if _is_listening(path):
                 raise FileExistsError(f"{path}: another cell process listens there")
@@ -116,6 +120,8 @@ class IpcServer:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._path is not None:
             self._path.unlink(missing_ok=True)
+        if self._lock is not None:
+            self._lock.close()
 
     def publish(self, snapshot: Snapshot) -> None:
         """Give every client the newest snapshot; one that it has not sent yet is replaced."""
@@ -182,6 +188,17 @@ def _is_same_user(writer: asyncio.StreamWriter) -> bool:
     peer = writer.get_extra_info("socket")
     _, uid, _ = struct.unpack("3i", peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
     return uid in (os.getuid(), 0)
+
+
+def _locked(path: Path) -> TextIO:
+    """The file, locked for this process until it is closed. Raises FileExistsError if another process has it."""
+    file = path.open("w")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise FileExistsError(f"{path}: another cell process runs here") from None
+    return file
 
 
 def _is_listening(path: Path) -> bool:
