@@ -154,7 +154,7 @@ def _aborting(cell: Controller, drivers: CellDrivers, now: float) -> None:
     if cell.transaction is None:
         cell.end_run("aborted")
         drivers.cnc.unload()
-        cell.transaction = Transaction(cell.modes.steps(SAFE, None, {}))
+        cell.transaction = Transaction([*cell.modes.steps(SAFE, None, {}), cell.gate.step()])
     if cell.transaction.advance(now):
         cell.go(T.ABORTED, cell.because)
 

@@ -14,6 +14,7 @@ import structlog
 from cellctl.cell.answering import written
 from cellctl.cell.by_hand import ByHand
 from cellctl.cell.controller import Controller
+from cellctl.cell.gate import SHUT_S
 from cellctl.cell.preconditions import check_cnc, check_devices, check_program, still_there
 from cellctl.cell.record import END, RUN, StoreError
 from cellctl.cell.refusal import READINESS, STORE, Refused
@@ -163,8 +164,8 @@ class Commands:
         check_devices(drivers)
         check_cnc(drivers)
         check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
-        if c.cell.cnc.laser_gate_output is not None:  # a reset keeps outputs: a job that ended in a pass has left its gate open
-            await drivers.cnc.command(f"M65 P{c.cell.cnc.laser_gate_output}")
+        await drivers.cnc.wait_until(lambda: c.gate.is_shut, SHUT_S)
+        c.gate.check()
         self._check_table(command)
         self._check_start(stops)
         c.found.jobs.add(job)

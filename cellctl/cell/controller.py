@@ -10,6 +10,7 @@ from typing import Any
 from cellctl.cell.behaviour import STEPS
 from cellctl.cell.clock_watch import ClockWatch
 from cellctl.cell.control import ControlToken
+from cellctl.cell.gate import Gate
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.light_watch import LightWatch
 from cellctl.cell.modes import Modes
@@ -100,6 +101,7 @@ class Controller:
         self.position = Position(self.event, self.found.last.get("position"))
         self.way_back: Rollback | None = None  # of a guarded sequence that a fault broke off
         self.retract = Retract(self)
+        self.gate = Gate(self)
         self.powder_until: float | None = None  # wire time at which powder that a reaction let flow on is shut
         self._sampling = Sampling(self)
         self._recover()
@@ -216,6 +218,7 @@ class Controller:
             return
         self.pump()
         self.table.watch(self.drivers, self.run is not None)
+        self.gate.advance(now)
         try:
             self._watch(now)
             STEPS[self.state](self, self.drivers, now)
@@ -318,6 +321,7 @@ class Controller:
         elif isinstance(event, ProtocolFault) and has_job and self.drivers and self.drivers.cnc.is_halted:
             self.fault("cnc_answers", event.text)
         elif isinstance(event, Welcome) and not event.expected:
+            self.gate.doubt()
             if self.state is not S.OFFLINE:
                 self.position.suspect("the CNC restarted by itself")
             if busy:

@@ -32,6 +32,7 @@ def reset_steps(c: Controller) -> list[Step]:
     if c.is_cnc_alive and c.run is None:
         begin = lambda: c.quiesce.begin(c.times.wire.now(), reset=True)  # noqa: E731
         steps.append(Step("resetting the CNC", lambda: _advanced(c), RESET_TIMEOUT_S, act=begin, code="cnc_silent"))
+        steps.append(c.gate.step())
     return steps
 
 

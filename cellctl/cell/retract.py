@@ -65,7 +65,7 @@ class Retract:
             return
         status = c.drivers.cnc.status
         if self._sent_at is None:
-            if c.run is None and c.quiesce.is_clear:
+            if c.run is None and c.quiesce.is_clear and not c.gate.is_awaited:
                 self._send(now)
             return
         if status is not None and status.at > self._sent_at + SETTLE_S and status.is_idle:
