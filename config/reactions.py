@@ -51,13 +51,16 @@ DEFAULTS: dict[str, Reaction] = {
     "laser_fault": _HOLD,
     "laser_interlock": _HOLD,
     "laser_silent": _HOLD,
+    "laser_lost": _HOLD,
     "laser_emitting": _RESET,
     "dark_pass": _HOLD,
     "feeder_fault": _HOLD,
     "feeder_silent": _HOLD,
+    "feeder_lost": _HOLD,
     "powder_flow": _HOLD,
     "gas_flow": _HOLD,
     "io_silent": _HOLD,
+    "io_lost": _HOLD,
     "power": _RESET,
     "cnc_lost": _RESET,
     "cnc_silent": _RESET,
@@ -77,7 +80,7 @@ DEFAULTS: dict[str, Reaction] = {
 
 CHECKED_AT_REST = frozenset({"tool", "datum"})
 """Found by a check before anything moves, these hold the job: it is put right, reset, and the check is done again."""
-MAY_KEEP_POWDER = frozenset({"chiller", "laser_fault", "laser_interlock", "laser_silent", "store"})
+MAY_KEEP_POWDER = frozenset({"chiller", "laser_fault", "laser_interlock", "laser_silent", "laser_lost", "store"})
 """Causes at which flowing powder harms nothing: nobody is in the cell, and the flow itself is sound."""
 MAY_PASS = frozenset({"chiller", "gas_pressure", "fume_extraction", "powder_flow", "gas_flow", "feeder_fault"})
 """Supplies: a cell file may have the job held without a latched fault (latch = false)."""

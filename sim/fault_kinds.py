@@ -94,9 +94,10 @@ def _device_off(world: World, device: str) -> None:
 
 
 def _restart(world: World, device: str) -> None:
-    """Power-up values, and every connection is dropped."""
+    """Power-up values, and every connection is dropped; an RTU line has none."""
     world.plants[device].restart()
-    world.wires[device].breaks += 1
+    if world.cell.links[device].transport == "tcp":
+        world.wires[device].breaks += 1
     world.wire_interlocks()
 
 

@@ -72,6 +72,10 @@ class Senses:
         self._clock = clock
         self._flow_wrong_since: float | None = None
         self._tool_wrong_since: float | None = None
+        self._clients = {"laser": drivers.laser.client, "feeder": drivers.feeder.client, "io": drivers.io.client}
+        self._lost = {role: client.restarts.count for role, client in self._clients.items()}
+        self._late: dict[str, str] = {}  # the same, seen behind a fault
+        self.news: list[str] = []  # devices that lost what they were told while nothing hung on them, in words
         self._openings: dict[str, float] = {}  # cause -> count of openings that was last read
 
     @property
@@ -110,7 +114,10 @@ class Senses:
 
     def faults(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         """(code, detail, remedy) of everything that has to latch, worst first."""
-        opened = self._opened()
+        opened, lost = self._opened(), self._losses()
+        self._late = lost if now.state is State.FAULT else {}
+        if now.state not in ACTIVE:
+            self.news += [f"{role}: {why}; it is commanded safe" for role, why in lost.items()]
         if "estop" in opened and now.state is not State.OFFLINE:
             yield "estop", BRIEFLY, ""
         yield from self._everywhere(now)
@@ -127,6 +134,7 @@ class Senses:
         if now.state in ACTIVE:
             yield from self._interlocks()
             yield from self._devices(now)
+            yield from self._forgotten(now, lost)
             yield from self._positions(now)
 
     def _opened(self) -> list[str]:
@@ -142,6 +150,27 @@ class Senses:
             if before is not None and reading.value > before:  # fewer: the coupler was started anew
                 found.append(cause)
         return found
+
+    def _losses(self) -> dict[str, str]:
+        """Role -> why, of each device that came back with nothing of what it had been told since this was last asked."""
+        found = {role: client.restarts.why for role, client in self._clients.items() if client.restarts.count > self._lost[role]}
+        for role in found:
+            self._lost[role] = self._clients[role].restarts.count
+        return found
+
+    def _forgotten(self, now: Situation, lost: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
+        """Devices that no longer hold what the job has told them: nobody else would tell them again, and the pass would go on without."""
+        d = self._d
+        found = dict(lost)
+        if now.state is State.RUNNING and now.mode == DEPOSIT:
+            if not d.laser.is_enabled:
+                found.setdefault("laser", "it is no longer enabled")
+            if now.powder_g_min > 0 and not d.feeder.rate_setpoint_g_min:
+                found.setdefault("feeder", "its rate was taken back")
+            if not d.io.is_deploying:
+                found.setdefault("io", "its output for the head was taken back")
+        for role, why in found.items():
+            yield f"{role}_lost", why, ""
 
     def _everywhere(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         estop = _signal(self._d.io.client, "estop_ok")
@@ -162,6 +191,10 @@ class Senses:
             since = [each.at for known, each in told.items() if is_explained(known, each.detail, by=code)]
             if since and self._clock.now() - max(since) <= signal.stale_s:
                 yield code, "", ""
+        for role, why in self._late.items():
+            code = f"{role}_lost"
+            if any(is_explained(known, each.detail, by=code) for known, each in told.items()):
+                yield code, why, ""
 
     def _is_all_silent(self) -> bool:
         """Whether no device of the machine answers any more."""

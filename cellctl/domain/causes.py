@@ -29,15 +29,23 @@ EXPLAINS: dict[str, dict[str, re.Pattern[str]]] = {
     "estop": {
         "laser_interlock": ESTOP_WORDS,
         "laser_fault": WRONG_VALUE,
+        "laser_lost": ANYTHING,
         "feeder_fault": WRONG_VALUE,
+        "feeder_lost": ANYTHING,
         "cnc_alarm": ALARM_BY_ESTOP,
         "cnc_reset": ANYTHING,
     },
     "power": dict.fromkeys(ALL_AT_ONCE, ANYTHING),
-    "door": {"laser_fault": WRONG_VALUE},
-    "chiller": {"laser_interlock": COOLING_WORDS, "laser_fault": WRONG_VALUE},
+    "door": {"laser_fault": WRONG_VALUE, "laser_lost": ANYTHING},
+    "chiller": {"laser_interlock": COOLING_WORDS, "laser_fault": WRONG_VALUE, "laser_lost": ANYTHING},
     "gas_pressure": {"powder_flow": ANYTHING, "gas_flow": ANYTHING},
-    "laser_interlock": {"laser_fault": WRONG_VALUE},
+    "laser_interlock": {"laser_fault": WRONG_VALUE, "laser_lost": ANYTHING},
+    "laser_fault": {"laser_lost": ANYTHING},
+    "laser_silent": {"laser_lost": ANYTHING},
+    "feeder_fault": {"feeder_lost": ANYTHING},
+    "feeder_silent": {"feeder_lost": ANYTHING},
+    "io_silent": {"io_lost": ANYTHING, "head_position": ANYTHING},
+    "io_lost": {"head_position": ANYTHING},
 }
 """Cause -> code of a report that it explains, if the words of the report's detail are found."""
 

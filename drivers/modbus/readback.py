@@ -48,6 +48,7 @@ class Heartbeat:
         self._limit_s = limit_s
         self._sent: deque[tuple[int, float]] = deque(maxlen=256)
         self._echoed_at: float | None = None
+        self._has_followed = False
 
     @property
     def following(self) -> int:
@@ -69,6 +70,11 @@ class Heartbeat:
         """What the device shows in a reading taken at time `at`."""
         if any(count == value and at - sent_at <= self._limit_s for count, sent_at in reversed(self._sent)):
             self._echoed_at = at
+            self._has_followed = True
+
+    def is_forgotten(self, value: float) -> bool:
+        """Whether the device shows 0, which is never sent, though it has followed before: it was started anew. A bit cannot tell."""
+        return self._has_followed and self._top > 1 and value == 0.0
 
     def is_followed(self, now: float) -> bool:
         """Whether a recent count has come back in time (true before the first one)."""
@@ -78,3 +84,4 @@ class Heartbeat:
         """Begin anew (the device was lost)."""
         self._sent.clear()
         self._echoed_at = None
+        self._has_followed = False

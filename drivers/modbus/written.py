@@ -9,6 +9,7 @@ from drivers.interfaces import Clock
 from drivers.modbus.readback import Disagreements, Heartbeat
 from drivers.modbus.readings import Readings
 from drivers.modbus.registers import LIMITS, decode, encode
+from drivers.modbus.restarts import Restarts
 
 HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
 
@@ -28,6 +29,7 @@ class Written(Readings):
         self._proven: dict[str, list[int]] = {}  # what was read from a set-point's own table since it was written
         self._written: dict[str, list[int]] = {}
         self._written_at: dict[str, float] = {}
+        self.restarts = Restarts()
 
     def holds(self, name: str) -> bool:
         """Whether the device was told what is wanted and, where this can be read, holds it."""
@@ -47,11 +49,13 @@ class Written(Readings):
     def _judge(self, name: str, written: list[int] | None, held: list[int]) -> None:
         if written is None or written != self._written.get(name):
             return
+        register = self.device.registers[name]
         if written == held:
             self._proven[name] = held
             self.disagreements.agree(name)
             return
-        register = self.device.registers[name]
+        if self._proven.get(name) == written and register.safe is not None and held == encode(register, register.safe):
+            self.restarts.sign(f"{name} is back at {register.safe:g} by itself")
         told, holds = decode(register, written), decode(register, held)
         self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, the device holds {holds:g}", self.clock.now())
         self._written.pop(name, None)
@@ -63,12 +67,17 @@ class Written(Readings):
             reading = self.readings.get(register.readback) if register.readback else None
             if reading is None or name not in self._written or reading.at < self._written_at[name]:
                 continue
-            told = decode(register, self._written[name])
-            if abs(told - reading.value) <= register.readback_tolerance + abs(register.scale) / 2:
+            told, band = decode(register, self._written[name]), register.readback_tolerance + abs(register.scale) / 2
+            if abs(told - reading.value) <= band:
+                self._proven[name] = self._written[name]
                 self.disagreements.agree(name)
                 continue
+            if self._proven.get(name) == self._written[name] and register.safe is not None and abs(register.safe - reading.value) <= band:
+                self.restarts.sign(f"{name} is back at {reading.value:g} by itself")
             self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, reads {reading.value:g}", now)
             self._written.pop(name)
         echo = self.readings.get(ECHO)
         if echo is not None:
+            if self.heartbeat.is_forgotten(echo.value):
+                self.restarts.sign("its heartbeat echo began anew")
             self.heartbeat.echo(echo.value, echo.at)

@@ -178,7 +178,7 @@ CNC = (
 def _device_rows(device: str, code: str, word: str) -> tuple[Row, ...]:
     lit = device
     codes = _told(
-        f"{code}_silent", f"{code}_fault", "step_failed", "powder_flow", "gas_flow", "head_position", "laser_emitting"
+        f"{code}_silent", f"{code}_fault", f"{code}_lost"
     )
     words = (word,)
 
@@ -197,7 +197,7 @@ def _device_rows(device: str, code: str, word: str) -> tuple[Row, ...]:
         row("answers exceptions", f"modbus_exception {device}"),
         row("answers the wrong count", f"modbus_wrong_count {device}"),
         row("answers late, three times", f"modbus_stale {device} 0.15 3", must=frozenset(), bound=""),
-        row("server restarted", f"modbus_restart {device}", must=frozenset(), bound="", mend=""),
+        replace(row("server restarted", f"modbus_restart {device}", mend=""), codes=_told(f"{code}_lost"), words=()),
         replace(row("without power", f"device_off {device}"), mend=(f"device_on {device}",)),
     )
 
