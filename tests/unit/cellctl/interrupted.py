@@ -86,7 +86,7 @@ def interrupted_job(store: Store, made: Posted, line: int, fraction: float = 0.5
     toml = tomli_w.dumps(Recipe(**RECIPE).model_dump(mode="json", exclude_none=True))
     row = JobRow(
         new_id("job", now), name, part.id, made.posted.cell_name, toml, "316L", now, "me", JobState.INTERRUPTED, plan_sha256=plan_sha256,
-        program_sha256=program_sha256, layers=made.layers, lines_total=len(made.posted.lines), lines_executed=line,
+        program_sha256=program_sha256, layers=made.layers, lines_total=len(made.posted.lines), lines_executed=line, approved_by="me",
     )  # fmt: skip
     with store.write() as rows:
         parts.add(rows, part)

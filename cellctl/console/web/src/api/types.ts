@@ -201,10 +201,50 @@ export interface Job {
   approve_because: string;
   override_reason: string;
   table_clear: boolean;
+  continues_job: string | null;
+  resumption: Record<string, number> | null;
   plan_sha256: string | null;
   program_sha256: string | null;
   proof_sha256: string | null;
   timestamps: Record<string, number>;
+}
+
+/** A place on a program. known_by: "tick" or "sample" */
+export interface Standpoint {
+  line: number;
+  fraction: number;
+  layer: number;
+  operation: number;
+  process: string;
+  pass: number;
+  arc_mm: number;
+  path_mm: number;
+  tip_mm: number[];
+  known_by: string;
+  known_by_text: string;
+  text: string;
+}
+
+/** Where metal ended in a job that was interrupted, and what one may go on from. */
+export interface ResumptionPoint {
+  job: string;
+  possible: boolean;
+  why_not: string;
+  metal_end: Standpoint | null;
+  lines_executed: number;
+  lines_total: number;
+  layers: number;
+  choices: { layer: number; operation: number; process: string }[];
+  notes: string[];
+  continues_job: string | null;
+  continued_by: string[];
+}
+
+/** The begin of a program. head_lines: those generated for the joint */
+export interface ProgramHead {
+  lines: string[];
+  head_lines: number;
+  lines_total: number;
 }
 
 export interface Page<T> {

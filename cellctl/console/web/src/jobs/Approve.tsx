@@ -21,7 +21,8 @@ export function Approve({ job }: { job: Job }) {
   const approve = async (event: Event) => {
     event.preventDefault();
     setBusy(true);
-    const body: Record<string, unknown> = { because: because.current?.value.trim() ?? "", table_clear: isClear };
+    const body: Record<string, unknown> = { because: because.current?.value.trim() ?? "" };
+    body[job.continues_job ? "part_untouched" : "table_clear"] = isClear;
     if (needsOverride) body.override_reason = override.current?.value.trim() ?? "";
     try {
       takeJob(await post<Job>(`/jobs/${job.id}/approve`, body));
@@ -33,10 +34,10 @@ export function Approve({ job }: { job: Job }) {
   };
   return (
     <form class="panel approve" onSubmit={(event) => void approve(event)}>
-      <h2>{isConfirming ? say.confirmTitle : say.approveTitle}</h2>
+      <h2>{!isConfirming ? say.approveTitle : job.continues_job ? words.goOn.confirmTitle : say.confirmTitle}</h2>
       <label class="check">
         <input type="checkbox" checked={isClear} onChange={(event) => setClear(event.currentTarget.checked)} />
-        <span>{say.tableClear}</span>
+        <span>{job.continues_job ? words.goOn.untouched : say.tableClear}</span>
       </label>
       {needsOverride && (
         <label>

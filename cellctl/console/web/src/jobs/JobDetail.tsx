@@ -9,9 +9,11 @@ import { isOperator } from "../state/session";
 import { words } from "../words/en";
 import { duration, fixed, whole } from "../words/format";
 import { Approve } from "./Approve";
+import { GoOn } from "./GoOn";
 import { JobState } from "./JobState";
 import { Pieces } from "./Pieces";
 import { Proof } from "./Proof";
+import { Rest } from "./Rest";
 
 const say = words.jobs;
 const CANCELLABLE = ["submitted", "planning", "planned", "posting", "proving", "proven", "waiting_for_approval", "queued"];
@@ -33,7 +35,9 @@ export function JobDetail({ job }: { job: Job }) {
           <b>{job.error.title}</b> {job.error.detail}. {job.error.hint}
         </p>
       )}
-      <Approve job={job} />
+      <GoOn job={job} key={job.id} />
+      <Approve job={job} key={`approve-${job.id}`} />
+      <Rest job={job} key={`rest-${job.id}`} />
       <Facts job={job} />
       <PartFacts id={job.part_id} />
       {plan.value?.job === job.id && <Pieces plan={plan.value.plan} />}

@@ -42,7 +42,7 @@ export const next = computed(() => {
   if (!now) return "";
   if (now.state === "IDLE") {
     const { table, approval } = waiting.value;
-    return table ? say.idleQueued(table.name) : approval ? say.idleWaiting(approval.name) : say.IDLE;
+    return table ? (table.continues_job ? say.idleContinues(table.name) : say.idleQueued(table.name)) : approval ? say.idleWaiting(approval.name) : say.IDLE;
   }
   if (now.state === "RUNNING" || now.state === "PREPARING") return nextOperation();
   const fixed = (say as Record<string, unknown>)[now.state];

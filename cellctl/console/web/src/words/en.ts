@@ -1,4 +1,5 @@
 // Every word that the operator reads, in one language. Another language is another file of this shape.
+import { goingOn } from "./going_on";
 
 /** The words of STOP stand apart: they are built into index.html with its script. */
 export const stopWords = {
@@ -97,6 +98,7 @@ export const words = {
     ABORTING: "Ready, without this job",
     IDLE: "Approve a job to start it",
     idleQueued: (name: string) => `${name} waits: confirm that the table is clear`,
+    idleContinues: (name: string) => `${name} waits: confirm that its part stands untouched`,
     idleWaiting: (name: string) => `${name} waits for approval`,
     UNHOMED: "HOME the machine",
     HOMING: "Ready when all axes are home",
@@ -256,6 +258,7 @@ export const words = {
   operation: (name: string) => process[name] ?? name,
   kinds: { deposit: "Depositing", mill: "Milling", safe: "Set-up" } as Record<string, string>,
 
+  goOn: goingOn,
   jobs: {
     title: "Jobs",
     add: "New job",
