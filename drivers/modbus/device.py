@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from config.device import Device
-from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkError, RangeError_, WrongAnswer
+from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkError, WrongAnswer
 from drivers.interfaces import Clock, ModbusLink
 from drivers.modbus.latency import Latency
 from drivers.modbus.readings import Reading
-from drivers.modbus.registers import Span, check_range, decode, encode, spans
+from drivers.modbus.registers import Span, decode, encode, spans
 from drivers.modbus.turn import Turn
+from drivers.modbus.wanted import Wanted
 from drivers.modbus.watcher import Watcher
 from drivers.modbus.write_order import next_group
-from drivers.modbus.written import HEARTBEAT, Written
+from drivers.modbus.written import HEARTBEAT
 
 RETRY_S = 0.3  # pause after a device missed twice: longer than it is waited out, so that others on its line have their turn
 BEATS_SHARE = 0.25  # of the dead-man's time between two heartbeats: three may be lost
 PROVE_SHARE = 0.4  # of the stale limit: readings older than that go before proofs
+PROVE_BEFORE = 3.0  # times what a reading takes: nearer to a write that is due there is no proof, unless readings are young
 RECHECK_CYCLES = 25  # set-points without a read-back register are read from their own table this often
 
 
-class DeviceClient(Written):
+class DeviceClient(Wanted):
     """A device on a link. `cycle` raises no DriverError but keeps it in `last_error`; what it cannot read grows old.
 
     A device that was lost is wanted safe until somebody asks for something else: it never comes back with the laser on.
@@ -33,21 +34,16 @@ class DeviceClient(Written):
         self, device: Device, device_id: int, link: ModbusLink, clock: Clock, *, turn: Turn | None = None, answer_line_s: float = 0.0
     ) -> None:
         """turn : of the line that is shared; answer_line_s : of an answer to a write, on the line itself"""
-        super().__init__(device, clock)
+        super().__init__(device, clock, turn if turn is not None else Turn(clock))
+        self.turn.join(self)
         self.device_id = device_id
         self.link = link
-        self.wake = asyncio.Event()
-        self.turn = turn if turn is not None else Turn(clock)
-        self.turn.join(self)
         self.latency = Latency(device, answer_line_s)
         self.watcher: Watcher | None = None
         self.is_beating = True  # cleared by whoever wants the device's dead-man to trip
         self.on_level: Callable[[], None] | None = None  # called as soon as a level or a word of flags was read that differs from before
         self._levels = frozenset(name for name, register in device.registers.items() if not register.writable and register.is_level)
         self.last_error: DriverError | None = None
-        self._safe = dict(self.desired)
-        self._pulses: set[str] = set()
-        self._ebbing: set[str] = set()  # pulses that were written: safe again from the next cycle on
         self._read_spans = spans(device.registers, [name for name, register in device.registers.items() if not register.writable])
         self._contacts = [span for span in self._read_spans if span.table == "discrete"] if device.role == "io" else []
         self._sensed_at = -math.inf
@@ -78,45 +74,15 @@ class DeviceClient(Written):
             found.append(f"{self.device.name}: does not follow the heartbeat, its dead-man cannot be trusted")
         return found
 
-    def set(self, name: str, value: float) -> None:
-        """Want `value` (register's unit) from the next cycle on. Raises RangeError_; then nothing changes."""
-        register = self.device.registers.get(name)
-        if register is None or name == HEARTBEAT:
-            raise RangeError_(f"{self.device.name}: {name} cannot be set", "name a set-point of its register map")
-        check_range(self.device.name, name, register, value)
-        if self.desired[name] != value:
-            self.desired[name] = float(value)
-            self._wake()
-
-    def safe(self) -> None:
-        """Want every register that can be written at its safe value; it goes first in the next cycle."""
-        self._pulses.clear()
-        if self.desired != self._safe:
-            self.desired.update(self._safe)
-            self._wake()
-
-    def _wake(self) -> None:
-        self.wake.set()
-        self.turn.wake.set()
-
     def share(self, turn: Turn) -> None:
         """Take turns with the other devices of the line."""
         self.turn = turn
         turn.join(self)
 
-    def due(self, at: float | None) -> None:
-        """A set-point will be set at wire time `at` (s): no reading stands in its way then."""
-        self.turn.expect(self, at)
-
     @property
     def is_waiting(self) -> bool:
         """Whether the next reading tells how long the device takes."""
         return self.watcher is not None and self.watcher.is_waiting
-
-    def pulse(self, name: str) -> None:
-        """Write 1 once and its safe value at the cycle after. Raises RangeError_."""
-        self.set(name, 1.0)
-        self._pulses.add(name)
 
     async def cycle(self) -> None:
         """Connect if need be, write what changed and the heartbeat (safe direction first), read all, compare."""
@@ -127,7 +93,7 @@ class DeviceClient(Written):
         self._ebbing.clear()
         try:
             if not self.link.connected:
-                self._lose()
+                self._lose("its connection broke")
                 await self.link.connect()
             error = await self._write_changes(self.is_beating and self._is_beat_due())
             error = await self._read_all() or error
@@ -139,12 +105,27 @@ class DeviceClient(Written):
         self._misses = 0
         self.last_error = self._named(error) if error else None
         self._compare()
+        if self.restarts.is_seen:
+            self._lose("it was started anew")
+        if self.restarts.answered() and self.on_level is not None:
+            self.on_level()
 
     def _is_beat_due(self) -> bool:
         """Whether the next heartbeat goes now: one in so long, and not just before a set-point that is due."""
         now = self.clock.now()
         age = (now - self._beat_at) / self.device.dead_man_s
-        return age >= BEATS_SHARE and (age >= 2.0 * BEATS_SHARE or self.turn.taken_at(now, self.latency.write.longest_s) is None)
+        can_wait = self.turn.taken_at(now, self.latency.write.usual_s) is not None or self._is_about_stale
+        return age >= BEATS_SHARE and (age >= 2.0 * BEATS_SHARE or not can_wait)
+
+    @property
+    def _is_about_stale(self) -> bool:
+        """Whether another write before the next readings would let one of them grow stale."""
+        return self._is_up and self._patience_s < 0.0
+
+    @property
+    def _patience_s(self) -> float:
+        """How long readings may be put off (s)."""
+        return self.patience_s(self._read_spans, self.latency.read.usual_s, self.latency.write.usual_s)
 
     async def flush(self) -> None:
         """Write what was set, nothing else; errors are in `last_error`."""
@@ -162,9 +143,11 @@ class DeviceClient(Written):
         """Write what differs from what was last taken; the first refusal, if any. Raises LinkError.
 
         What is next is chosen anew before every request: what turned safe meanwhile goes first, what is wanted no more goes never.
+        A reading that is about to grow stale goes before all but a gate that is shut.
         """
         error: DriverError | None = None
         refused: set[tuple[str, tuple[int, ...]]] = set()
+        reads = 0  # since the last write
         while True:
             words = {name: encode(self.device.registers[name], value) for name, value in self.desired.items()}
             changed = [name for name, w in words.items() if self._written.get(name) != w and (name, tuple(w)) not in refused]
@@ -176,6 +159,12 @@ class DeviceClient(Written):
             group = next_group(self.device.registers, to_safe, others)
             if not group:
                 return error
+            is_gate_shut = group[0] in to_safe and self.device.registers[group[0]].type == "bit"
+            if self._is_about_stale and not is_gate_shut and reads < len(self._read_spans):
+                error = await self._read_span(self._oldest(self._read_spans)) or error
+                reads += 1
+                continue
+            reads = 0
             if HEARTBEAT in group:
                 self.heartbeat.next()
                 beat = False
@@ -217,10 +206,25 @@ class DeviceClient(Written):
     async def _read_all(self) -> DriverError | None:
         """Read every span; the first refusal, if any. What is set meanwhile goes out between two reads. Raises LinkError."""
         error: DriverError | None = None
-        for span in sorted(self._read_spans, key=lambda span: -self._urgency(span.names)):
+        began = self.clock.now()
+        left = list(self._read_spans)
+        while left:
             error = await self._give_way() or error
-            error = await self._read_span(span) or error
+            left = [span for span in left if not self._is_just_read(span, began)]
+            if left:
+                span = self._oldest(left)
+                left.remove(span)
+                error = await self._read_span(span) or error
         return await self._prove() or error
+
+    def _oldest(self, of: Sequence[Span]) -> Span:
+        return max(of, key=lambda span: self._urgency(span.names))
+
+    def _is_just_read(self, span: Span, began: float) -> bool:
+        """Whether it was read since this round began, or its contacts a moment ago between two requests of others."""
+        reading = self.readings.get(span.names[0])
+        is_sensed = span in self._contacts and self.turn.is_shared and self.clock.now() - self._sensed_at < self.device.poll_s
+        return is_sensed or (reading is not None and reading.at >= began)
 
     async def _read_span(self, span: Span) -> DriverError | None:
         """Read one span; its refusal, if any. Raises LinkError."""
@@ -264,9 +268,8 @@ class DeviceClient(Written):
         """Before a reading: what was set goes first; the first refusal, if any. Raises LinkError."""
         error: DriverError | None = None
         while True:
-            takes_s = self.latency.read.longest_s
-            left = (self.device.registers[name].stale_s - self.age(name) for each in self._read_spans for name in each.names)
-            await self.turn.before_read(self, takes_s, min(left, default=0.0) - self.latency.write.longest_s - takes_s)
+            takes_s = self.latency.read.usual_s
+            await self.turn.before_read(self, takes_s, self._patience_s)
             if not self.wake.is_set():
                 return error
             self.wake.clear()
@@ -281,7 +284,10 @@ class DeviceClient(Written):
         self._unproven = set()
         for span in spans(self.device.registers, names):
             await self._give_way()
-            if max(self._urgency(each.names) for each in self._read_spans) > PROVE_SHARE:
+            takes_s = self.latency.read.usual_s
+            is_awaited = self.turn.taken_at(self.clock.now(), PROVE_BEFORE * takes_s) is not None
+            is_old = max(self._urgency(each.names) for each in self._read_spans) > PROVE_SHARE
+            if is_old or (is_awaited and self._patience_s < PROVE_BEFORE * takes_s):
                 self._unproven |= set(span.names)  # another time: readings are about to grow stale
                 continue
             before = {name: self._written.get(name) for name in span.names}
@@ -310,15 +316,16 @@ class DeviceClient(Written):
         if not is_once:
             self._retry_at = now + RETRY_S
         if not self.link.connected:
-            self._lose()
+            self._lose("its connection broke")
         if now - self._answered_at > self.device.dead_man_s:
-            self._lose()
+            self._lose(f"it was silent for {self.device.dead_man_s:g} s")
 
-    def _lose(self) -> None:
+    def _lose(self, why: str) -> None:
         """Once, when a device that answered is gone: what was wanted of it holds no more."""
         if not self._is_up:
             return
         self._is_up = False
+        self.restarts.cut_off(why)
         self._written.clear()
         self.disagreements.clear()
         self.heartbeat.clear()

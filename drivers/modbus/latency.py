@@ -15,6 +15,7 @@ from statistics import median
 from config.device import Device
 
 WINDOW = 25  # samples: medians follow a device that changes within half a minute
+USUAL_SHARE = 0.9  # of the samples
 LEAST = 3  # samples before they are believed
 RATIO_MAX = 20.0  # a reaction is not believed to be longer than so many time-outs of a request
 
@@ -48,6 +49,12 @@ class RequestTime:
     def longest_s(self) -> float:
         """The longest of the last ones."""
         return max(self._seen, default=self._start_s)
+
+    @property
+    def usual_s(self) -> float:
+        """What nine in ten of the last ones took at most: a single stall does not keep a line free for as long as it was."""
+        seen = sorted(self._seen)
+        return seen[math.ceil(USUAL_SHARE * len(seen)) - 1] if seen else self._start_s
 
     @property
     def samples(self) -> int:

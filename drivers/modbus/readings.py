@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from config.device import Device
 from drivers.interfaces import Clock
-from drivers.modbus.registers import meanings
+from drivers.modbus.registers import Span, meanings
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +40,11 @@ class Readings:
     def is_stale(self, name: str) -> bool:
         """Whether the reading is older than the register's stale limit."""
         return self.age(name) > self.device.registers[name].stale_s
+
+    def patience_s(self, spans: Sequence[Span], takes_s: float, write_s: float) -> float:
+        """How long reading may be put off for one write until the first of these spans, read one after another, is about to go stale (s)."""
+        left = sorted(min(self.device.registers[name].stale_s - self.age(name) for name in span.names) for span in spans)
+        return min((each - write_s - (k + 1) * takes_s for k, each in enumerate(left)), default=0.0)
 
     def oldest(self, names: Iterable[str]) -> float:
         """Greatest age of several readings, s."""

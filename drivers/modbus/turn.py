@@ -43,7 +43,12 @@ class Turn:
         if talker not in self._talkers:
             self._talkers.append(talker)
 
-    def expect(self, talker: Talker, at: float | None) -> None:
+    @property
+    def is_shared(self) -> bool:
+        """Whether several devices are on the line."""
+        return len(self._talkers) > 1
+
+    def expect(self, talker: object, at: float | None) -> None:
         """A write of this device is due at wire time `at` (s); None: none is known."""
         if at is None:
             self._due.pop(id(talker), None)
