@@ -115,7 +115,7 @@ class Controller:
         self.light = LightWatch(self.cell, drivers.laser, self.hand)
         self.senses = Senses(self.cell, drivers, self.times.wire)
         self.modes = Modes(self.cell, drivers, self.times.wire, self.hand)
-        self.quiesce = Quiesce(drivers)
+        self.quiesce = Quiesce(drivers, lambda: self.gate.is_asked)
         self.quiesce.on_hold = self._brakes
         for client in (drivers.io.client, drivers.laser.client, drivers.feeder.client):
             client.on_level = self.judge

@@ -39,6 +39,11 @@ class Gate:
         self._answer = None
         self._again_at = 0.0
 
+    @property
+    def is_asked(self) -> bool:
+        """Whether its word is on its way: a line that moves nothing."""
+        return self._answer is not None
+
     def advance(self, now: float) -> None:
         """Ask, or take the answer in. now : wire time, s. Called by every tick; during a run the gate is the program's."""
         c = self._c

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from collections.abc import Callable
 
 from drivers.cell_wires import CellDrivers
 from drivers.errors import LinkError
@@ -15,8 +16,10 @@ STAND_TIMEOUT_S = 1.5  # after that a reset is safer than more motion
 class Quiesce:
     """Works on the level of every tick. `is_still`: stands; `is_reset`: what was buffered is gone."""
 
-    def __init__(self, drivers: CellDrivers) -> None:
+    def __init__(self, drivers: CellDrivers, is_harmless: Callable[[], bool]) -> None:
+        """is_harmless : whether the one line that waits for its answer moves nothing"""
         self._d = drivers
+        self._is_harmless = is_harmless
         self.outcome = ""  # how the run ends once the machine is at rest
         self.is_reset = False
         self._reset_at = 0.0
@@ -54,7 +57,7 @@ class Quiesce:
             or (status.state == "Door" and status.substate in (0, 1, None))
         ):
             return True
-        nothing_comes = self._d.cnc.is_drained or bool(self._d.cnc.is_halted)
+        nothing_comes = self._d.cnc.is_drained or bool(self._d.cnc.is_halted) or self._is_harmless()
         return status.is_idle and nothing_comes
 
     @property

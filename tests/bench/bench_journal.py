@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import random
 import signal
 import sqlite3
@@ -30,7 +31,7 @@ from tests.bench.table import Table
 from tests.cell.harness import CellUnderTest
 from tests.cell.jobs import one_wall
 
-KILLS = 6
+KILLS = int(os.environ.get("BENCH_JOURNAL_KILLS", "6"))
 START_S = 90.0
 DARK_S = 1.5
 LIT_W = 400.0

@@ -14,7 +14,7 @@ from cellctl.domain.messages import PROTOCOL, Hello, Live
 from tests.bench.served import START_S, Served, cpu_s, served
 from tests.bench.table import Table
 
-KILLS = 10
+KILLS = int(os.environ.get("BENCH_RESTART_KILLS", "10"))
 BETWEEN_S = 5.0  # the supervisor does not wait with a process that lived as long
 STEP_S = 0.005
 
