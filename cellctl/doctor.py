@@ -15,11 +15,12 @@ from drivers import open_cnc, open_devices
 from drivers.clock import SystemClock
 from drivers.errors import DriverError
 from drivers.interfaces import ModbusLink
+from drivers.modbus.line_budget import complaints
 from drivers.modbus.registers import decode, meanings, spans
 
 REQUESTS = 20  # read to learn how long one takes
 SAFE_SHARE = 0.7  # of the time-out: a request that comes nearer will miss it one day
-REQUESTS_BETWEEN = 8  # that may come between two readings of one register while set-points are written
+REQUESTS_BETWEEN = 6  # that may come between two readings of one register while set-points are written
 
 
 class DoctorError(Exception):
@@ -78,6 +79,7 @@ async def _examine(cell: Cell, run_dir: Path) -> Report:
     await _examine_cnc(cell, run_dir, report)
     _clients, links = open_devices(cell, run_dir, SystemClock())
     by_line = _lines_of(cell, links)
+    report.rows += [Row(False, "line", text) for text in complaints(cell, {role: load_device(facts.device) for role, facts in cell.links.items()})]
     try:
         for role, facts in cell.links.items():
             await _examine_device(role, load_device(facts.device), facts.device_id, by_line[role], report)

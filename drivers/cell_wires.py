@@ -8,7 +8,7 @@ from pathlib import Path
 
 from config.base import ConfigError
 from config.cell import Cell, Link
-from config.device import Device, load_device
+from config.device import Device, Role, load_device
 from drivers.cnc.driver import CncDriver
 from drivers.feeder import Feeder
 from drivers.interfaces import Clock, ModbusLink
@@ -37,6 +37,11 @@ class CellDrivers:
             for link in self.links:
                 stack.push_async_callback(link.close)
             stack.callback(self.cnc.close)
+
+
+def clients_of(drivers: CellDrivers) -> dict[Role, DeviceClient]:
+    """The Modbus devices by role."""
+    return {"laser": drivers.laser.client, "feeder": drivers.feeder.client, "io": drivers.io.client}
 
 
 def open_cnc(cell: Cell, run_dir: Path, clock: Clock) -> CncDriver:

@@ -14,10 +14,11 @@ from cellctl.cell.poll import lines_of, poll_line
 from config.base import ConfigError
 from config.cell import Cell
 from drivers import open_cell, open_cnc
-from drivers.cell_wires import CellDrivers
+from drivers.cell_wires import CellDrivers, clients_of
 from drivers.cnc.driver import CncDriver
 from drivers.errors import CommandRefused, DeviceFault, DeviceSilent, DriverError
 from drivers.interfaces import Clock
+from drivers.modbus.line_budget import complaints
 
 RETRY_S = 1.0
 TICKS_ALIVE = 20  # a tick silent for so many periods is dead; then the devices' dead-man timers have to run out
@@ -104,6 +105,8 @@ class Connection:
         if c.drivers is None:
             drivers = self._wires.open()
             c.attach(drivers)
+            for text in complaints(c.cell, {role: client.device for role, client in clients_of(drivers).items()}):
+                c.event("device", text)
             for devices in lines_of(c.cell, drivers):
                 self._spawn(poll_line(devices, self._clock, self._is_ticking, self._fail))
         elif not self._is_port_open:
