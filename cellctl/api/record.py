@@ -33,7 +33,9 @@ def record_of(connection: Connection, job_id: str) -> dict[str, Any]:
             "cell": job.cell,
             "material": job.material,
             "why": job.why,
+            "continues_job": job.continues_job,
         },
+        "resumption": None if job.continues_job is None else {**(job.resume_point or {}), **(job.resumption or {})},
         "part": {
             "id": part.id,
             "name": part.name,
@@ -103,6 +105,7 @@ def html_of(record: dict[str, Any]) -> str:
         _pairs("Part", record["part"]),
         _pairs("Proof", record["proof"]),
         _pairs("Approval", record["approval"]),
+        _pairs(f"Goes on with {job['continues_job']}", record["resumption"]),
         _pairs("Run", record["run"]),
         _pairs("Error", record["error"]),
         _pairs("Recipe", record["recipe"]),
