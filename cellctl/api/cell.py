@@ -157,10 +157,11 @@ async def _start(service: Service, person: Person, body: CellCommand) -> Reply:
                 raise ApiError(
                     409, found.title, f"{job.name}: nobody confirmed that {found.what}", f"look, then set {found.field}"
                 )
-            return jobs.confirm_table(rows, job_id, service.store.clock()) if is_found else job
+            if not is_found:  # who starts by hand relies on what another found, and answers for it from here on
+                return jobs.change(rows, job_id, confirmed_by=person.name, confirmed_client=person.client)
+            return jobs.confirm_table(rows, job_id, service.store.clock(), person.name, person.client)
 
     job = await asyncio.to_thread(confirmed)
-    service.runs.confirmed(job_id, person.name, person.client)
     return await service.runs.start(job, person.name, body.because or "started by hand")
 
 

@@ -166,13 +166,11 @@ async def approve(person: Operator, service: ServiceOf, job_id: str, body: Appro
                 reasons = {"approve_because": body.because, "override_reason": body.override_reason}
                 job = jobs.move(rows, job_id, J.QUEUED, at=now, approved_by=person.name, why=found_of(job).missing, **reasons)
             if body.table_clear or body.part_untouched:
-                job = jobs.confirm_table(rows, job_id, now)
+                job = jobs.confirm_table(rows, job_id, now, person.name, person.client)
             audit.add(rows, person.deed("approve", job_id, body.override_reason or body.because), now, "ok")
         return job
 
     job = await asyncio.to_thread(write)
-    if body.table_clear or body.part_untouched:
-        service.runs.confirmed(job_id, person.name, person.client)
     service.feed.take_job(job_id)
     service.runs.wake()
     return document(service, job)

@@ -53,17 +53,12 @@ class Runs:
     def __init__(self, store: Store, link: CellLink, changed: Callable[[str], None], by_hand: ByHand) -> None:
         self._store = store
         self._by_hand = by_hand
-        self._confirmed: dict[str, tuple[str, str]] = {}  # job -> who confirmed the table, at which client
         self._refusals: dict[str, Refusals] = {}
         self._link = link
         self._changed = changed
         self._wake = asyncio.Event()
         self._lock = asyncio.Lock()
         self.starting: set[str] = set()
-
-    def confirmed(self, job_id: str, who: str, client: str) -> None:
-        """A person found the table clear for a job: its start acts for that client."""
-        self._confirmed[job_id] = who, client
 
     def wake(self) -> None:
         """Look now."""
@@ -139,8 +134,7 @@ class Runs:
                 continue
             is_cell_free = False
             try:
-                who = self._confirmed.get(job.id, (job.approved_by, ""))[0]
-                await self.start(job, who, job.approve_because or "approved and the table was confirmed clear")
+                await self.start(job, acts_for(job)[0], job.approve_because or "approved and the table was confirmed clear")
             except StartRefusedError as error:
                 log.warning("start refused", job=job.id, error=error.message)
 
@@ -179,7 +173,7 @@ class Runs:
         if snapshot.state != "IDLE" or not is_cell_free:
             return job.why if job.why.startswith(RETRIED) else f"waits for the cell to be IDLE (it is {snapshot.state})"
         held = snapshot.control
-        who, client = self._confirmed.get(job.id, (job.approved_by, job.approved_by))
+        who, client = acts_for(job)
         if held is not None and held.client != client:
             return f"waits for control: {held.holder} has it; {who} may take it over, or {held.holder} start the job"
         return ""
@@ -214,7 +208,7 @@ class Runs:
         try:
             # The id belongs to one try of one confirmation: asked again after a lost answer, the cell starts it once.
             ident = f"start-{job.id}-{confirmed:.3f}" + (f"-{earlier.count}" if earlier.count else "")
-            client = self._confirmed.get(job.id, (who, who))[1]
+            client = acts_for(job)[1]
             reply = await self._link.command("start", who, because, args, ident=ident, timeout_s=60.0, client=client)
         except CellAbsentError as error:
             raise StartRefusedError(
@@ -254,6 +248,12 @@ class Runs:
         else:
             await self._tell(job, f"{REFUSED}: {line}", table_clear=False)
         raise StartRefusedError(reply.error, reply.hint, reply.kind)
+
+
+def acts_for(job: JobRow) -> tuple[str, str]:
+    """For whom a start by the service acts: who confirmed the table, and at which client."""
+    who = job.confirmed_by or job.approved_by
+    return who, job.confirmed_client or who
 
 
 def is_job_of(snapshot: Snapshot, job_id: str) -> bool:

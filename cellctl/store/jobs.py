@@ -24,6 +24,7 @@ class JobRow:
     why : what it waits for, in words; error : {title, detail, hint} of a failed one; proof : figures of the Proof
     timestamps : Unix time at which each state was entered
     table_clear : a person vouches for the table: it is clear, or, of a job that continues another, its part stands untouched
+    confirmed_by, confirmed_client : who vouched for it last, or started it by hand, and at which client: the start acts for that one
     continues_job : whose part it goes on with; resume_point : from where, as asked for; resumption : figures of the generated program
     """
 
@@ -54,6 +55,8 @@ class JobRow:
     continues_job: str | None = None
     resume_point: dict[str, Any] | None = None
     resumption: dict[str, Any] | None = None
+    confirmed_by: str = ""
+    confirmed_client: str = ""
 
 
 def _row(values: RowMapping) -> JobRow:
@@ -123,10 +126,14 @@ def move(connection: Connection, job_id: str, *targets: JobState, at: float, **c
     return get(connection, job_id)
 
 
-def confirm_table(connection: Connection, job_id: str, at: float) -> JobRow:
-    """A person looked: the table is clear for this job, or the part that it goes on with stands untouched. Raises NotFoundError."""
+def confirm_table(connection: Connection, job_id: str, at: float, who: str, client: str) -> JobRow:
+    """A person looked: the table is clear for this job, or the part that it goes on with stands untouched.
+
+    who, client : for whom the start will act. Raises NotFoundError.
+    """
     job = get(connection, job_id)
-    return change(connection, job_id, table_clear=True, why="", timestamps={**job.timestamps, "table_clear": at})
+    times = {**job.timestamps, "table_clear": at}
+    return change(connection, job_id, table_clear=True, why="", timestamps=times, confirmed_by=who, confirmed_client=client)
 
 
 def count_by_state(connection: Connection) -> dict[str, int]:

@@ -98,6 +98,8 @@ jobs = Table(
     Column("continues_job", String(40)),
     Column("resume_point", Text),
     Column("resumption", Text),
+    Column("confirmed_by", Text, nullable=False, server_default=""),
+    Column("confirmed_client", Text, nullable=False, server_default=""),
     Index("ix_jobs_state", "state"),
     Index("ix_jobs_continues_job", "continues_job"),
     sqlite_autoincrement=True,
