@@ -61,6 +61,11 @@ def _offline(cell: Controller, drivers: CellDrivers, now: float) -> None:
         cell.go(T.CONNECTED_LOCKED if is_locked else T.CONNECTED, "all devices answer")
 
 
+def _homing(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    for code, detail, remedy in cell.homing_watch.faults(drivers.cnc.status, now):
+        cell.fault(code, detail, remedy)
+
+
 def _jogging(cell: Controller, drivers: CellDrivers, now: float) -> None:
     status = drivers.cnc.status
     if cell.jog_sent_at is not None and status is not None and status.is_idle and status.at > cell.jog_sent_at:
@@ -188,15 +193,11 @@ def _resetting(cell: Controller, drivers: CellDrivers, now: float) -> None:
         cell.go(T.RESET_DONE, "reset")
 
 
-def _rest(cell: Controller, drivers: CellDrivers, now: float) -> None:
-    """Nothing to do at this tick."""
-
-
 STEPS: dict[State, Callable[[Controller, CellDrivers, float], None]] = {
     S.OFFLINE: _offline,
     S.UNHOMED: _connected,
     S.IDLE: _connected,
-    S.HOMING: _rest,
+    S.HOMING: _homing,
     S.JOGGING: _jogging,
     S.PREPARING: _preparing,
     S.RUNNING: _running,

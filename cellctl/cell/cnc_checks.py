@@ -7,6 +7,7 @@ import contextlib
 from cellctl.cell.transaction import Step
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
+from drivers.cnc.driver import CncDriver
 from drivers.cnc.events import Status
 from drivers.cnc.protocol import FULL_STATUS, SPINDLE_STOP
 from drivers.errors import DriverError
@@ -35,10 +36,11 @@ class CncChecks:
         return self._clock.now() - self._status.at if self._status else STATUS_TIMEOUT_S
 
     def tool(self, number: int) -> Step:
-        """The tool that the Program has mounted is the one that the CNC reports."""
+        """The tool that the Program has mounted is the one that the CNC reports; a firmware that reports none has it from the Program alone."""
+        cnc = self._d.cnc
         return Step(
             f"checking that tool {number} is mounted",
-            lambda: self._mounted == number,
+            lambda: self._mounted == number or not tells_tool(cnc),
             STATUS_TIMEOUT_S,
             age_s=self._age_s,
             code="tool",
@@ -144,6 +146,11 @@ class CncChecks:
             age_s=self._age_s,
             detail=lambda: f"{self._status.rpm if self._status else 0.0:.0f} rpm reported",
         )
+
+
+def tells_tool(cnc: CncDriver) -> bool:
+    """Whether this firmware reports the tool at all: grbl 1.1 does not, the Program's own tool change is what is known there."""
+    return cnc.identity is None or cnc.identity.firmware != "grbl"
 
 
 def offset_differs(held: dict[str, float], wanted: dict[str, float]) -> str:

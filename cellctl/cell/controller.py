@@ -9,8 +9,11 @@ from typing import Any
 
 from cellctl.cell.behaviour import STEPS
 from cellctl.cell.clock_watch import ClockWatch
+from cellctl.cell.cnc_checks import tells_tool
 from cellctl.cell.control import ControlToken
 from cellctl.cell.gate import Gate
+from cellctl.cell.hearing import hear
+from cellctl.cell.homing_watch import HomingWatch
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.light_watch import LightWatch
 from cellctl.cell.modes import Modes
@@ -26,25 +29,12 @@ from cellctl.cell.tip import TipFinder
 from cellctl.cell.transaction import Rollback, StepFailedError, Transaction
 from cellctl.cell.way_back import begin_way_back
 from cellctl.cell.whereabouts import note
-from cellctl.domain.causes import cause_of_alarm
 from cellctl.domain.interlocks import may_emit, why_not
 from cellctl.domain.messages import Event
 from cellctl.domain.snapshot import Alarm, JobView, Lines, Permissive
-from cellctl.domain.states import IN_JOB, State, Trigger, after
+from cellctl.domain.states import State, Trigger, after
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
-from drivers.cnc.events import (
-    AlarmRaised,
-    AnswerOverdue,
-    CncEvent,
-    LineAccepted,
-    LineRejected,
-    Message,
-    PortLost,
-    ProtocolFault,
-    StatusReport,
-    Welcome,
-)
 from drivers.errors import LinkError, RangeError_
 from drivers.interfaces import Clock
 
@@ -95,6 +85,7 @@ class Controller:
         self.is_cnc_alive = False
         self.last_tick_at = times.wire.now()
         self.jog_sent_at: float | None = None
+        self.homing_watch = HomingWatch(0.0)
         self.control = ControlToken(cell.by_hand, times.unix, self.event, self.found.last.get("control"), times.wire)
         self.table = TableWatch(cell.by_hand, times.unix)
         self.clock_watch = ClockWatch(times.wire, times.unix, self.event, self.table)
@@ -158,6 +149,10 @@ class Controller:
             return
         if target is S.FAULT:
             begin_way_back(self, because)
+        elif trigger is T.START and self.drivers is not None and not tells_tool(self.drivers.cnc):
+            self.event("tool", "tool not reported by this firmware: the program's own tool changes are what is known")
+        elif target is S.HOMING:
+            self.homing_watch = HomingWatch(self.times.wire.now(), reports_homing=self.cell.cnc.firmware == "grblhal")
         self.state, self.because = target, because
         self.transaction = None
         data = {"state": target.value, "trigger": trigger.value, "because": because}
@@ -267,7 +262,7 @@ class Controller:
         """Let the CNC's line read and write, and take in what it tells. Called by every tick and when bytes have come."""
         if self.drivers is not None and self.is_cnc_alive:
             for event in self.drivers.cnc.pump():
-                self._on_cnc(event)
+                hear(self, event)
             if self.run is not None:
                 self.run.count()
 
@@ -297,37 +292,8 @@ class Controller:
             found += self.senses.late_causes(self.told)
         for code, detail, remedy in found:
             self.fault(code, detail, remedy)
-
-    def _on_cnc(self, event: CncEvent) -> None:
-        has_job = self.run is not None and not self.quiesce_pending  # also behind a fault that can be reset
-        busy = has_job or self.state in IN_JOB or self.state in (S.HOMING, S.JOGGING)
-        if isinstance(event, StatusReport):
-            self.position.report(event.status)
-            if self.run is not None:
-                self.run.report(event.status)
-        elif isinstance(event, LineAccepted):
-            if self.run is not None:
-                self.run.answered(self.times.wire.now())
-        elif isinstance(event, PortLost):
-            self.is_cnc_alive = False
-            if busy:
-                self.fault("cnc_lost", event.message, event.hint)
-        elif isinstance(event, AlarmRaised) and busy:
-            self.fault(cause_of_alarm(event.code), f"ALARM:{event.code} {event.cause}", event.remedy)
-        elif isinstance(event, LineRejected) and self.run is not None:
-            self.fault("line_rejected", f"N{event.n} {event.line!r}: error {event.code}, {event.text}", event.remedy)
-        elif isinstance(event, AnswerOverdue) and self.run is not None:
-            self.fault("answer_overdue", f"N{event.n} after {event.waited_s:.1f} s {event.garbled}".strip())
-        elif isinstance(event, ProtocolFault) and has_job and self.drivers and self.drivers.cnc.is_halted:
-            self.fault("cnc_answers", event.text)
-        elif isinstance(event, Welcome) and not event.expected:
-            self.gate.doubt()
-            if self.state is not S.OFFLINE:
-                self.position.suspect("the CNC restarted by itself")
-            if busy:
-                self.fault("cnc_reset", event.banner)
-        elif isinstance(event, Message):
-            self.event("cnc", event.text)
+        while self.senses.news:
+            self.event("device", self.senses.news.pop(0))
 
     # -- views ---------------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from config.cell import Cell
 from planner.program import Channel, LineKind, Program
 from tests.cell.jobs import Writer, mill_pass, one_wall
 
-TOOL_CHANGE = re.compile(r"M6 T\d+")
+TOOL_CHANGE = re.compile(r"M6 T(\d+)")
 
 
 def wall(cell: Cell) -> Program:
@@ -34,7 +34,7 @@ def program_for(situation: str, cell_name: str, cell: Cached) -> Program:
     program = face(cell.facts) if situation == "milling" else wall(cell.facts)
     if cell.facts.cnc.firmware != "grbl":
         return program
-    lines = tuple(TOOL_CHANGE.sub("G90", line) for line in program.lines)  # grbl has no changer and tells no tool
+    lines = tuple(TOOL_CHANGE.sub(r"T\1", line) for line in program.lines)  # grbl 1.1 knows no M6 and tells no tool
     return replace(program, lines=lines)
 
 

@@ -1,0 +1,34 @@
+"""Homing is answered when it ends, minutes later: what the machine reports meanwhile tells sooner that no answer will come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drivers.cnc.events import Status
+
+SILENT_S = 1.0  # without a report, behind a machine that has reported while it homes (grbl 1.1 reports nothing then)
+UNANSWERED_S = 1.5  # standing unlocked behind homing, with its `ok` not come
+
+
+class HomingWatch:
+    """Watches one homing. began_at : wire time (s); reports_homing : whether this firmware is known to report while it homes."""
+
+    def __init__(self, began_at: float, *, reports_homing: bool = False) -> None:
+        self._began_at = began_at
+        self._reports = reports_homing
+        self._homed_at: float | None = None  # last report that said Home
+        self._stood_since: float | None = None
+
+    def faults(self, status: Status | None, now: float) -> Iterator[tuple[str, str, str]]:
+        """(code, detail, remedy) of what has to latch at wire time `now` (s)."""
+        if status is None:
+            return
+        if status.at > self._began_at and status.state == "Home":
+            self._homed_at, self._stood_since = status.at, None
+        elif self._homed_at is not None and status.state == "Idle" and self._stood_since is None:
+            self._stood_since = status.at
+        age_s = now - max(status.at, self._began_at)
+        if (self._reports or self._homed_at is not None) and age_s > SILENT_S:
+            yield "cnc_silent", f"last status report {age_s:.1f} s ago, while homing", ""
+        elif self._stood_since is not None and status.state == "Idle" and now - self._stood_since > UNANSWERED_S:
+            yield "answer_overdue", f"$H: the CNC stands, homed, and has not answered for {now - self._stood_since:.1f} s", ""
