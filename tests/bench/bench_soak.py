@@ -14,10 +14,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import tomli_w
+
+from cellctl.demo import to_be_simulated
 from cellctl.store.engine import DATABASE
 from config.cell import load_cell
 from planner.files import write_program
-from tests.bench.served import END_S, Served, serve, start_sim
+from tests.bench.served import END_S, Served, as_hardware, serve
 from tests.bench.soak_books import errors_in, outcomes, sizes
 from tests.bench.soak_day import Day
 from tests.bench.soak_watch import Watch, picture
@@ -27,7 +30,10 @@ from tests.cell.jobs import one_wall
 HOURS = 8.0
 TIME_SCALE = 20.0
 CELLS = {"gate in the stream": "trunnion_tcp", "gate on Modbus": "trunnion_rtu"}
-WALLS = ((12, 160.0, 60), (8, 120.0, 400), (20, 60.0, 20))
+IN_PROCESS_TIME = {"response": ("powder_delay_s", "powder_settle_s"), "limits": ("purge_s",)}
+"""What the cell process waits for on the clock although it goes with the process, which is faster here."""
+
+WALLS = ((6, 120.0, 60), (3, 90.0, 400), (8, 60.0, 20))
 """Layers, length (mm) and lines per bead of the programs that take turns; each is milled at the end."""
 
 GROWTH_MB_H = 1.0  # per simulated hour behind the warm-up: 8 h then cost less than a tenth of what a process holds
@@ -36,9 +42,18 @@ MISSED_SHARE = 1e-3
 STANDSTILL_S = 0.03  # light at standstill, wire time: the bound from a cause to laser off
 
 
-def far_end(run: Path, cell: str) -> subprocess.Popen[str]:
-    """A simulated cell with a witness; its cell file is run/cell.toml."""
-    return start_sim(run, TIME_SCALE, cell, module="tests.bench.soak_far_end")
+def far_end(run: Path, name: str) -> subprocess.Popen[str]:
+    """A simulated cell with a witness; its cell file is run/cell.toml, and says what the powder's way takes at this speed."""
+    facts = to_be_simulated(load_cell(name))
+    for part, fields in IN_PROCESS_TIME.items():
+        facts[part] |= {field: facts[part][field] / TIME_SCALE for field in fields}
+    (run / "given.toml").write_text(tomli_w.dumps(facts), encoding="utf-8")
+    words = ["--cell", str(run / "given.toml"), "--run", str(run), "--time-scale", f"{TIME_SCALE:g}"]
+    sim = subprocess.Popen([sys.executable, "-m", "tests.bench.soak_far_end", *words], stdout=subprocess.PIPE, text=True)
+    assert sim.stdout is not None
+    sim.stdout.readline()
+    as_hardware(sim.pid)
+    return sim
 
 
 def child(parent: int, module: str) -> int:

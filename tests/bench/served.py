@@ -17,7 +17,7 @@ from typing import Any
 
 from config.base import find_facts
 
-START_S = 90.0  # a loaded machine takes its time to import
+START_S = 180.0  # a loaded machine takes its time to import
 END_S = 30.0
 
 
@@ -61,13 +61,11 @@ def until(holds: Any, what: str, seconds: float = START_S) -> None:
         time.sleep(0.02)
 
 
-def start_sim(
-    run: Path, time_scale: float = 1.0, cell: str = "trunnion_tcp", module: str = "sim"
-) -> subprocess.Popen[str]:
-    """A simulated cell on free ports; its cell file is run/cell.toml.  module : that is run, with the words of `python -m sim`"""
+def start_sim(run: Path, time_scale: float = 1.0, cell: str = "trunnion_tcp") -> subprocess.Popen[str]:
+    """A simulated cell on free ports; its cell file is run/cell.toml."""
     shipped = find_facts("cells", cell).read_text(encoding="utf-8")
     (run / "given.toml").write_text(re.sub(r"tcp_port = \d+", "tcp_port = 0", shipped), encoding="utf-8")
-    command = [sys.executable, "-m", module, "--cell", str(run / "given.toml"), "--run", str(run), "--time-scale", f"{time_scale:g}"]
+    command = [sys.executable, "-m", "sim", "--cell", str(run / "given.toml"), "--run", str(run), "--time-scale", f"{time_scale:g}"]
     sim = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert sim.stdout is not None
     sim.stdout.readline()

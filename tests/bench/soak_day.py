@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import random
+import threading
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import httpx
@@ -26,6 +27,7 @@ CLIENT = "soak"
 WHO = "operator"
 CONSOLES = 3
 LOOK_S = 1.0
+ASK_S = 0.5
 STATE_S = 90.0  # until the cell is in a state that it is on its way to
 JOB_S = 900.0
 STOP_EVERY = 5  # jobs: one of so many is stopped in the midst
@@ -50,6 +52,7 @@ class Day:
         self.first: Snapshot | None = None
         self.plans: Counter[str] = Counter()
         self.consoles = 0
+        self._is_over = threading.Event()
 
     # -- what is told --------------------------------------------------------------------------------------------------
 
@@ -88,16 +91,16 @@ class Day:
             tasks = [group.create_task(self.link.run()), group.create_task(self._look())]
             tasks += [group.create_task(self._console()) for _ in range(CONSOLES)]
             await self.until(lambda: self.state == "IDLE" and (self.service.run / TOLD).exists())
+            self._plan = group.create_task(asyncio.to_thread(self._plan_a_part))
             k = 0
             while self.hour < self._hours:
                 async with self._passer_by():
                     await self._job(k)
-                if k % PLAN_EVERY == 0:
+                if k % PLAN_EVERY == PLAN_EVERY - 1 and self._plan.done():
                     self._plan = group.create_task(asyncio.to_thread(self._plan_a_part))
-                    tasks.append(self._plan)
                 k += 1
-            with suppress(asyncio.CancelledError):
-                await self._plan
+            self._is_over.set()
+            await self._plan
             for task in tasks:
                 task.cancel()
 
@@ -189,19 +192,13 @@ class Day:
             try:
                 part = client.upload(path)
                 job = client.submit(str(part["id"]), recipe=recipe)
-                for _ in range(1200):
-                    state = str(client.job(str(job["id"]))["state"])
-                    if state in PLANNED:
+                while (state := str(client.job(str(job["id"]))["state"])) not in PLANNED:
+                    if self._is_over.wait(ASK_S):
+                        state = f"given up while {state}"
                         break
-                    _pause()
                 self.plans[state] += 1
                 if state != "failed":
                     client.cancel(str(job["id"]), "soak")
             except ServiceError as error:
                 self.plans[f"refused: {error.message}"] += 1
 
-
-def _pause() -> None:
-    import time
-
-    time.sleep(0.5)

@@ -46,7 +46,8 @@ async def test_dry_program_is_held_stands_still_goes_on_and_ends_with_its_last_l
         reply = await process.command("start", job="dry", name="dry", program="dry")
         assert reply.ok, reply.error
         await process.until(lambda: process.snapshot.lines.executed >= DRY_MOVES // 4)
-        assert (await process.command("hold")).ok
+        reply = await process.command("hold")
+        assert reply.ok, f"{reply.error}: {process.controller.because}"
         await process.until(lambda: process.state == "HELD")
         held = process.snapshot
         await process.until(lambda: process.snapshot.cnc.machine == held.cnc.machine and process.snapshot.cnc.age_s < held.cnc.age_s + 1.0)

@@ -1,12 +1,16 @@
-"""A Modbus server that is libmodbus (C, Debian's libmodbus5), run as a process: `python libmodbus_server.py tcp PORT | rtu PATH`.
+"""A Modbus server that is libmodbus (C, Debian's libmodbus5), run as a process: `python libmodbus_server.py tcp PORT | rtu PATH [ID]`.
 
-Holding register 0 shows in input register 4 and 1 in 3, as the generic laser's set-point and heartbeat do.
+Holding register 0 shows in input register 4 and 1 in 3, as the generic laser's set-point and heartbeat do; input register 0 tells 7000 + 500 * id.
+Lines on its standard input are knobs: `late SECONDS` (the next answer comes so late), `exception CODE` (all answers until `exception 0`).
 """
 
 from __future__ import annotations
 
 import ctypes
+import os
+import select
 import sys
+import time
 
 FRAME_BYTES_MAX = 260
 
@@ -37,15 +41,33 @@ def load() -> ctypes.CDLL:
     library.modbus_tcp_listen.argtypes = [ctypes.c_void_p, ctypes.c_int]
     library.modbus_tcp_accept.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_int)]
     library.modbus_receive.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
+    library.modbus_reply_exception.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint]
     library.modbus_reply.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.POINTER(Mapping)]
     return library
 
 
-def serve(kind: str, where: str) -> None:
-    """Answer until the client goes (TCP) or the process is ended (RTU)."""
-    library = load()
-    mapping = library.modbus_mapping_new(8, 8, 16, 16)
-    mapping.contents.tab_input_registers[0] = 7500
+class Knobs:
+    """What was asked for on standard input."""
+
+    def __init__(self) -> None:
+        self.late_s = 0.0
+        self.exception = 0
+
+    def look(self) -> None:
+        """Take in the lines that have come."""
+        while select.select([0], [], [], 0.0)[0]:
+            text = os.read(0, 256).decode()
+            if not text:
+                return
+            for name, value in (line.split() for line in text.splitlines()):
+                if name == "late":
+                    self.late_s = float(value)
+                else:
+                    self.exception = int(value)
+
+
+def listen(library: ctypes.CDLL, kind: str, where: str, device_id: int) -> int:
+    """An open context; says `ready` when a client may come."""
     if kind == "tcp":
         context = library.modbus_new_tcp(b"127.0.0.1", int(where))
         listening = ctypes.c_int(library.modbus_tcp_listen(context, 1))
@@ -53,19 +75,40 @@ def serve(kind: str, where: str) -> None:
         library.modbus_tcp_accept(context, ctypes.byref(listening))
     else:
         context = library.modbus_new_rtu(where.encode(), 115200, b"N", 8, 1)
-        library.modbus_set_slave(context, 1)
+        library.modbus_set_slave(context, device_id)
         library.modbus_connect(context)
         print("ready", flush=True)
-    query = ctypes.create_string_buffer(FRAME_BYTES_MAX)
+    return int(context)
+
+
+def serve(kind: str, where: str, device_id: int) -> None:
+    """Answer until the client goes (TCP) or the process is ended (RTU)."""
+    library = load()
+    mapping: ctypes._Pointer[Mapping] = library.modbus_mapping_new(8, 8, 16, 16)
+    mapping.contents.tab_input_registers[0] = 7000 + 500 * device_id
+    context, knobs, query = listen(library, kind, where, device_id), Knobs(), ctypes.create_string_buffer(FRAME_BYTES_MAX)
     while True:
         size = library.modbus_receive(context, query)
+        knobs.look()
         if size > 0:
-            library.modbus_reply(context, query, size, mapping)
-            mapping.contents.tab_input_registers[4] = mapping.contents.tab_registers[0]
-            mapping.contents.tab_input_registers[3] = mapping.contents.tab_registers[1]
+            answer(library, context, query, size, mapping, knobs)
         elif size < 0 and kind == "tcp":
             return
 
 
+def answer(
+    library: ctypes.CDLL, context: int, query: ctypes.Array[ctypes.c_char], size: int, mapping: ctypes._Pointer[Mapping], knobs: Knobs
+) -> None:
+    """One answer, as the knobs say."""
+    late_s, knobs.late_s = knobs.late_s, 0.0
+    time.sleep(late_s)
+    if knobs.exception:
+        library.modbus_reply_exception(context, query, knobs.exception)
+        return
+    library.modbus_reply(context, query, size, mapping)
+    mapping.contents.tab_input_registers[4] = mapping.contents.tab_registers[0]
+    mapping.contents.tab_input_registers[3] = mapping.contents.tab_registers[1]
+
+
 if __name__ == "__main__":
-    serve(sys.argv[1], sys.argv[2])
+    serve(sys.argv[1], sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else 1)
