@@ -12,6 +12,7 @@ import msgspec
 import structlog
 
 from cellctl.cell.answering import written
+from cellctl.cell.answers import Answers
 from cellctl.cell.by_hand import ByHand
 from cellctl.cell.controller import Controller
 from cellctl.cell.gate import SHUT_S
@@ -42,7 +43,9 @@ class Commands:
     def __init__(self, controller: Controller, read_program: ReadProgram) -> None:
         self._c = controller
         self._read_program = read_program
-        self._replies: dict[str, Reply] = {k: msgspec.convert(v, Reply) for k, v in controller.found.replies.items()}
+        self._replies = Answers()
+        for ident, found in controller.found.replies.items():
+            self._replies[ident] = msgspec.convert(found, Reply)
         self._under_way: dict[str, asyncio.Future[Reply]] = {}
         self._hands = ByHand(controller)
         self._starting = ""  # job whose start is under way

@@ -156,6 +156,9 @@ class IpcServer:
             await self._converse(client, reader)
         except (asyncio.IncompleteReadError, OSError, TimeoutError):
             pass
+        except asyncio.CancelledError:
+            if self._server is not None:  # at the end all of these tasks are cancelled, which is nothing to be told
+                raise
         except FrameError as error:
             writer.write(encode(Reply("", False, str(error), "use the client of this version")))
         finally:
