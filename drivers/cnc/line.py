@@ -32,6 +32,8 @@ from drivers.interfaces import BytePort, Clock
 QUERY_PERIOD_MIN_S = 0.1  # firmwares answer status at most 10 times a second without disturbing motion
 REPORT_BYTES = 100  # of a long status report
 REPORT_SHARE = 0.5  # of a slow line that reports may take on the way back: the rest is for answers
+NEXT_ANSWER_S = 0.02  # a query waits at most this long for the next answer, so that its report does not keep one waiting
+TIGHT_S = 0.04  # a window that the line fills within this needs every answer at once
 STEP_S = 0.002  # how often an awaited command looks at the line
 OVERRIDE_PERCENT = (10, 200)
 
@@ -110,7 +112,7 @@ class CncLine:
         """The same as a time of the clock."""
         if self._lost:
             return self.clock.now() + self.facts.status_period_s
-        to_query = self._asked_at + self._query_s
+        to_query = self._query_at()
         return min(to_query, self._wire.due_at()) if self._sender.may_write or self._wire.is_urgent else to_query
 
     def step(self) -> None:
@@ -123,6 +125,7 @@ class CncLine:
             if data:
                 for event in self.protocol.receive(data, now):
                     self._take(event, now)
+                self.query_status()
             if (overdue := self._answers.look(now, self._program)) is not None:
                 self._tell(overdue)
                 if overdue.n:
@@ -140,7 +143,7 @@ class CncLine:
             self._wire.pacer.woke(late_s)
         now = self.clock.now()
         try:
-            if now - self._asked_at >= self._query_s:
+            if now >= self._query_at():
                 self.query_status()
             elif self._wire.is_urgent:
                 self._wire.flush()
@@ -176,6 +179,11 @@ class CncLine:
             self._program.halted = "unloaded"
             self._program = None
             self._sender.load(None)
+
+    def _query_at(self) -> float:
+        """When status is asked for if no answer comes before: a report on a busy line keeps the answers behind it waiting."""
+        is_tight = self._wire.pacer.is_busy and 0 < self.protocol.window_bytes * BITS_PER_BYTE < TIGHT_S * self.facts.baud
+        return self._asked_at + self._query_s + (NEXT_ANSWER_S if is_tight and self.protocol.unanswered else 0.0)
 
     def query_status(self) -> bool:
         """`?`, at most ten times a second; whether it was sent. Raises LinkLost."""
@@ -310,7 +318,7 @@ class CncLine:
 
     def _follow(self, status: Status, unanswered: int) -> None:
         self.status = status
-        self._wire.pacer.heard(self.protocol.report_came_at)
+        self._wire.pacer.heard(self.protocol.report_came_at, self._sender.answered_bytes)
         planner_blocks = self.identity.planner_blocks if self.identity else None
         self._answers.report(status, planner_blocks)
         if self._program is not None:

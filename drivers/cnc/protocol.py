@@ -36,6 +36,10 @@ BANNER = re.compile(r"(?i)^grbl(hal)? ?\d|^grblhal")
 CODE = re.compile(r"^(error|ALARM):(\d{1,3})$")
 
 
+SETTINGS_LOST = "error:7"
+"""grbl 1.1 says so by itself before its banner when its EEPROM is blank or damaged (report_status_message in settings_init)."""
+
+
 @dataclass(slots=True)
 class Answer:
     """What a command outside the stream brings: feedback lines, then done; code 0 is `ok`, otherwise the error number."""
@@ -189,6 +193,8 @@ class GrblProtocol:
         code = CODE.match(line)
         if line[0] == "<":
             self._report(line, now, events)
+        elif line == SETTINGS_LOST and not self.banner and not self._whole:
+            events.append(Message("the CNC's settings could not be read when it was switched on: the firmware's own hold (error 7)"))
         elif code is not None and code[1] == "error":
             self._refuse(int(code[2]), events)
         elif code is not None:

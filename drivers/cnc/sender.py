@@ -39,6 +39,11 @@ class Sender:
             return True
         return self._protocol.has_room(len(self._commands[0][0]) + 1) if self._commands else self._has_line()
 
+    @property
+    def answered_bytes(self) -> int:
+        """Bytes of all lines that have begun, less those that wait for their answer."""
+        return self._begun - self._protocol.unanswered_bytes
+
     def load(self, program: ProgramStream | None) -> None:
         """The program to send lines of from now on."""
         self.program = program

@@ -61,7 +61,7 @@ class StatusReader:
         return Status(
             state=name, substate=sub, machine=machine, work=work, wco=dict(self._wco), line=line,
             feed_mm_min=speeds[0], rpm=rpm, planner_free=planner_free, rx_free=rx_free, tool=self._tool,
-            pins=fields.get("Pn", ""), overrides=self._overrides, at=now,
+            pins=_pins(fields.get("Pn", "")), overrides=self._overrides, at=now,
             has_rpm=len(speeds) > 1,
         )  # fmt: skip
 
@@ -80,3 +80,10 @@ class StatusReader:
         if len(values) != len(self.letters):
             return dict(zip(self.letters, values, strict=False))
         return dict(zip(self.letters, values, strict=True))
+
+
+def _pins(text: str) -> str:
+    """Letters of the inputs that are active. Raises ValueError for anything else: no firmware reports it."""
+    if text and not (text.isascii() and text.isalpha() and text.isupper()):
+        raise ValueError(text)
+    return text

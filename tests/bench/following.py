@@ -147,54 +147,10 @@ class Ride:
             firmware.receive(b"~")
             if self.tells_override:
                 self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
-            if self.tells_override:
-                self.follower.command_resume(self.now)
         while self.holds and self.holds[0][0] <= self.now:
             self._resume_at = self.now + self.holds[0][1]
             self.holds = self.holds[1:]
             firmware.receive(b"!")
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
-            if self.tells_override:
-                self.follower.command_hold(self.now)
             if self.tells_override:
                 self.follower.command_hold(self.now)
 

@@ -27,7 +27,6 @@ from tests.bench.cnc_far_end import Answers, Counts, FarEnd
 
 LETTERS = ("X", "Y", "Z", "A", "C")
 IDLE_S = 0.0005  # how often the far end looks at its own clock when no bytes come
-QUEUE_S = 0.001  # what stands in the host's queue on average
 HOLD_EVERY_S = 0.05
 USB_BAUD = 4_000_000  # beyond what any CDC device takes: the window alone limits
 
@@ -81,14 +80,6 @@ class Case:
     def facts(self) -> Cnc:
         """The cell file's part of it."""
         return Cnc.model_validate({"firmware": "grbl", "port": "cnc", "baud": self.baud or USB_BAUD})
-
-    @property
-    def possible(self) -> float:
-        """Share of the wire that the buffer allows: its window holds a line, the answer's way and what stands in the host's queue."""
-        window = self.rx - 1 - self.facts().rx_margin_bytes
-        waits_s = self.answers.delay_s + 0.5 * self.answers.jitter_s + (self.answers.bunch_s if self.answers.bunch > 1 else 0.0)
-        waits_s += 4 * self.byte_s + QUEUE_S
-        return min(1.0, window / (53 + waits_s / self.byte_s)) if self.byte_s else 1.0
 
 
 @dataclass(frozen=True)

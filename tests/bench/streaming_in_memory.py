@@ -8,10 +8,11 @@ from collections.abc import Sequence
 
 from drivers.cnc.driver import CncDriver
 from tests.bench.cnc_far_end import Counts, FarEnd
-from tests.bench.streaming import LETTERS, Case, FiveAxisLines, Outcome
+from tests.bench.streaming import LETTERS, Case, FiveAxisLines, Outcome, five_axis_line
 
 TICK_S = 0.01  # the cell's tick, which looks at the line too
 LATE_S = (0.00005, 0.0001, 0.00007, 0.0004)  # how late timers are, in turn
+LINES_ALLOWED = 1000
 STALL_S = 60.0  # without an answer: the stream stands
 
 
@@ -117,3 +118,24 @@ def in_memory(
 async def _identify(driver: CncDriver) -> None:
     await driver.identify()
 
+
+
+def allowed(case: Case) -> float:
+    """Share of the wire that the buffer allows: of a sender that knows every answer at once, never asks and keeps nothing of its own waiting."""
+    far = case.far_end()
+    clock = Turned(far)
+    window = case.rx - 1 - case.facts().rx_margin_bytes
+    sizes, written, answered = [len(five_axis_line(k)) + 1 for k in range(LINES_ALLOWED)], 0, 0
+    text = b"".join(five_axis_line(k) + b"\n" for k in range(LINES_ALLOWED))
+    done = 0
+    while done < LINES_ALLOWED:
+        room = min(window - (written - answered), len(text) - written)
+        if room > 0:
+            far.arrive(text[written : written + room], clock.time)
+            written += room
+        clock.to(max(min(far.answer_at(), far.next_at(clock.time)), clock.time + 1e-5), is_woken=True)
+        came = far.transmit(clock.time).count(b"ok")
+        answered += sum(sizes[done : done + came])
+        done += came
+    counts = far.counts
+    return min(1.0, counts.bytes * case.byte_s / (counts.last_at - counts.first_at))

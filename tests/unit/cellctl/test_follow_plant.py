@@ -35,13 +35,13 @@ def worst_mm(ride: Ride, kinds: tuple[LineKind, ...] = (LineKind.PROCESS,), afte
     """Largest error on lines of some kinds at process speeds, as at 20 mm/s."""
     kind = ride.program.table["kind"][[line for _, line, _ in ride.where]]
     chosen = np.isin(kind, kinds) & (np.array([at for at, *_ in ride.where]) >= after_s)
-    assert chosen.sum() > 250
+    assert chosen.sum() > 150
     speeds = np.array(ride.speeds)[chosen]
     return float(np.abs(np.array(ride.errors_mm))[chosen].max() * 20.0 / max(np.median(speeds), 1.0))
 
 
 def ridden(seconds: float = 36.0, *, acceleration: float = 1.0, deviation: float = 1.0, program: Program = PROGRAM, **how: Any) -> Ride:
-    ride = Ride(program, changed(CELL, acceleration=acceleration, deviation=deviation), CELL, every=4, **how)
+    ride = Ride(program, changed(CELL, acceleration=acceleration, deviation=deviation), CELL, every=6, **how)
     ride.run(seconds)
     return ride
 
@@ -54,12 +54,12 @@ def test_arc_length_is_known_between_reports_on_arcs_corners_short_lines_and_beh
 
 
 def test_without_line_numbers_the_place_comes_from_the_position_and_the_follower_says_so() -> None:
-    ride = ridden(with_lines=False)
+    ride = ridden(24.0, with_lines=False)
     assert ride.follower.source == "position"
     assert worst_mm(ride) < EXACT_MM
 
 
-@pytest.mark.parametrize(("acceleration", "deviation"), [(0.5, 1.0), (0.7, 0.5)])
+@pytest.mark.parametrize(("acceleration", "deviation"), [(0.7, 0.5)])
 def test_a_control_that_accelerates_otherwise_is_followed_by_its_own_settings(acceleration: float, deviation: float) -> None:
     assert worst_mm(ridden(24.0, acceleration=acceleration, deviation=deviation, is_known=True)) < EXACT_MM
 
@@ -90,7 +90,7 @@ def test_a_hold_and_the_resume_behind_it_are_followed() -> None:
 
 def test_unsure_time_stamps_are_evened_out() -> None:
     rough = 0.5 * 0.01 * 12.0  # mm: what half of the spread is at the speed of the passes
-    ride = ridden(jitter_s=0.01)
+    ride = ridden(24.0, jitter_s=0.01)
     kind = PROGRAM.table["kind"][[line for _, line, _ in ride.where]]
     errors = np.abs(np.array(ride.errors_mm))[kind == LineKind.PROCESS]
     assert np.median(errors) < 0.4 * rough and errors.max() < 1.3 * rough

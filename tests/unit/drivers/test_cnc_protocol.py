@@ -218,3 +218,16 @@ def test_line_number_outside_what_was_sent_or_going_back_is_ignored() -> None:
     for number, executing in ((3, 3), (9, 3), (2, 3), (5, 5)):
         program.follow(reader.read(f"<Run|MPos:0,0,0,0,0|Ln:{number}>", 1.0), 1, 100)
         assert program.executing == executing and program.executed == executing - 1
+
+
+@pytest.mark.parametrize("pins", ["PXYZR.S", "pxy", "P,H", "P0"])
+def test_report_with_pins_that_no_firmware_has_is_damaged(pins: str) -> None:
+    protocol = GrblProtocol(LETTERS, 1000)
+    events = protocol.receive(f"<Idle|MPos:0,0,0,0,0|FS:0,0|Pn:{pins}>\r\n".encode(), 1.0)
+    assert [type(event) for event in events] == [ProtocolFault] and protocol.garbled
+
+
+def test_error_of_the_settings_before_the_banner_is_a_message_and_behind_it_an_answer() -> None:
+    protocol = GrblProtocol(LETTERS, 1000)
+    assert [type(event) for event in protocol.receive(b"error:7\r\nGrbl 1.1h ['$' for help]\r\n", 1.0)] == [Message, Welcome]
+    assert [type(event) for event in protocol.receive(b"error:7\r\n", 1.0)] == [ProtocolFault]

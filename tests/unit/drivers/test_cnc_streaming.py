@@ -11,7 +11,7 @@ from drivers.cnc.events import ProtocolFault
 from tests.bench.bench_streaming import ANSWERS, BUFFERS
 from tests.bench.cnc_far_end import Answers, FarEnd
 from tests.bench.streaming import Case, five_axis_line
-from tests.bench.streaming_in_memory import in_memory
+from tests.bench.streaming_in_memory import allowed, in_memory
 from tests.unit.drivers.fakes import FakeCnc, far_end, program
 
 LINES = 400
@@ -24,8 +24,7 @@ def test_every_line_arrives_once_and_unchanged_at_the_pace_of_the_wire(rx: int, 
     outcome = in_memory(case)
     counts = outcome.counts
     assert (counts.lines, counts.lost, counts.doubled, counts.changed, counts.overflowed) == (LINES, 0, 0, 0, 0)
-    if case.possible > 0.99 and not (rx == 128 and answers.bunch > 1):
-        assert outcome.share(case.byte_s) >= 0.99
+    assert outcome.share(case.byte_s) >= allowed(case) - 0.01
     assert np.percentile(outcome.late_ms(), 99) <= 2.0
 
 
@@ -35,11 +34,12 @@ def test_hold_passes_a_full_window_of_lines_that_the_machine_is_slow_to_take() -
     assert outcome.counts.lines == LINES and max(outcome.late_ms()) <= 2.0
 
 
-def test_adapter_whose_clock_is_slow_and_whose_queue_is_hidden_does_not_delay_a_hold_ever_more() -> None:
+@pytest.mark.parametrize("slower", [1.006, 1.02])
+def test_adapter_whose_clock_is_slow_and_whose_queue_is_hidden_does_not_delay_a_hold_ever_more(slower: float) -> None:
     case = Case(1024, ANSWERS[0], 1500)
-    slow = FarEnd(case.rx, 1.006 * case.byte_s, case.answers, five_axis_line, lambda _: case.block_s, lambda _: True)
+    slow = FarEnd(case.rx, slower * case.byte_s, case.answers, five_axis_line, lambda _: case.block_s, lambda _: True)
     late = in_memory(case, far=slow).late_ms()
-    assert max(late) < 6.0
+    assert max(late[len(late) // 2 :]) < 6.0
 
 
 def test_lines_of_a_usb_link_are_limited_by_the_window_alone() -> None:
