@@ -14,6 +14,8 @@ SPINDLE_ON = re.compile(r"\bM0?[34](?!\d)")
 SPINDLE_OFF = re.compile(r"\bM0?[56](?!\d)")  # a changer stops the spindle
 SPEED = re.compile(r"S(\d+(?:\.\d*)?)")
 COMMANDS = (LineKind.SETUP, LineKind.TOOL)
+STANDING = (*COMMANDS, LineKind.DWELL)
+LOOK_LINES = 256  # at a time: a move follows its spindle within a few lines
 
 
 def spindle_speeds(program: Program) -> list[tuple[int, float]]:
@@ -33,13 +35,22 @@ def spindle_speeds(program: Program) -> list[tuple[int, float]]:
 
 def first_cuts(program: Program, speeds: list[tuple[int, float]]) -> dict[int, float]:
     """N-word (from 1) of the first move behind each line that sets the spindle going -> its speed (rpm)."""
-    moving = np.flatnonzero(~np.isin(program.table["kind"], (LineKind.SETUP, LineKind.TOOL, LineKind.DWELL)))
     found: dict[int, float] = {}
     for index, rpm in speeds:
-        place = int(np.searchsorted(moving, index))
-        if rpm > 0.0 and place < len(moving):
-            found[int(moving[place]) + 1] = rpm
+        place = _next_move(program, index) if rpm > 0.0 else None
+        if place is not None:
+            found[place + 1] = rpm
     return found
+
+
+def _next_move(program: Program, index: int) -> int | None:
+    """Index of the first line from `index` on that moves, None behind the last one; looks no farther than it has to."""
+    kinds = program.table["kind"]
+    for start in range(index, len(kinds), LOOK_LINES):
+        moves = ~np.isin(kinds[start : start + LOOK_LINES], STANDING)
+        if moves.any():
+            return start + int(moves.argmax())
+    return None
 
 
 def speed_at(speeds: list[tuple[int, float]], index: int) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.cell import program_form as written
+from cellctl.cell.first_cuts import spindle_speeds
 from cellctl.cell.program_form import file_crc, program_timeline
 from cellctl.cell.program_text import mounted_tools
 from cellctl.domain.timeline import MotionLimits, Timeline
@@ -52,10 +53,14 @@ class MappedLines(Sequence[str]):
 
 @dataclass(frozen=True)
 class OpenedProgram(Program):
-    """A Program on its form.  timeline : but for how the control accelerates; mounted : (line index, tool) of every tool change"""
+    """A Program on its form.
+
+    timeline : but for how the control accelerates; mounted : (line index, tool) of every tool change; speeds : as of spindle_speeds
+    """
 
     timeline: Timeline | None = None
     mounted: tuple[tuple[int, int], ...] = ()
+    speeds: tuple[tuple[int, float], ...] = ()
 
 
 def open_form(form: Path, program_sha256: str) -> OpenedProgram | None:
@@ -90,6 +95,11 @@ def tools_of(program: Program) -> list[tuple[int, int]]:
     return list(program.mounted) if isinstance(program, OpenedProgram) else mounted_tools(program)
 
 
+def speeds_of(program: Program) -> list[tuple[int, float]]:
+    """(line index, rpm from there on) wherever the spindle is set going or stopped."""
+    return list(program.speeds) if isinstance(program, OpenedProgram) else spindle_speeds(program)
+
+
 def _mapped(path: Path) -> NDArray[Any]:
     return np.asarray(np.load(path, mmap_mode="r"))
 
@@ -110,10 +120,11 @@ def _opened(form: Path, document: dict[str, Any]) -> OpenedProgram:
     first, second = document["timeline"]["plane"]
     tables: dict[str, Any] = {name: _mapped(form / f"{name}.npy") for name in written.TABLES}
     lines = MappedLines(form / written.TEXT, _mapped(form / written.STARTS))
-    return OpenedProgram(
+    opened = OpenedProgram(
         lines=cast("tuple[str, ...]", lines),
         **tables,
         **values,
         timeline=Timeline(**columns, plane=(first, second)),
         mounted=tuple((int(line), int(tool)) for line, tool in _mapped(form / written.TOOLS)),
     )
+    return dataclasses.replace(opened, speeds=tuple(spindle_speeds(opened)))  # reads every row: here, and not in the event loop

@@ -49,7 +49,6 @@ class SetPoints:
         self._follower = follower
         self._leads = leads
         self._is_gated = program.gate == "stream"
-        self._emitting = np.flatnonzero(timeline.is_emitting)
         loose = np.flatnonzero(self._schedule["barrier"] == 0)
         channels = self._schedule["channel"][loose]
         self._rows: dict[Channel, NDArray[np.intp]] = {
@@ -110,8 +109,9 @@ class SetPoints:
         """
         if not (self._is_gated and channel == Channel.LASER_W):
             return line
-        position = int(np.searchsorted(self._emitting, line))
-        return int(self._emitting[position]) if position < len(self._emitting) else line
+        ahead = self._timeline.is_emitting[line:]
+        first = int(ahead.argmax()) if len(ahead) else 0
+        return line + first if len(ahead) and ahead[first] else line
 
     def _wait_s(self, channel: Channel, index: int, value: float, now: float) -> float:
         """Wire seconds until the entry has to be sent; infinite while the machine does not move."""

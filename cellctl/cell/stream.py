@@ -8,10 +8,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from cellctl.cell.first_cuts import first_cuts, speed_at, spindle_speeds
+from cellctl.cell.first_cuts import first_cuts, speed_at
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.modes import DEPOSIT, MILL, SAFE, Modes
-from cellctl.cell.opened_program import timeline_of, tools_of
+from cellctl.cell.opened_program import speeds_of, timeline_of, tools_of
 from cellctl.cell.power_share import PowerShare
 from cellctl.cell.program_text import gate_of_lines as gate_of_lines
 from cellctl.cell.set_points import LASER_CHANNELS, Leads, SetPoints
@@ -50,7 +50,7 @@ class Run:
         self.name = name
         self.program = program
         schedule = program.schedule
-        self._speeds = spindle_speeds(program)
+        self._speeds = speeds_of(program)
         self._cuts = first_cuts(program, self._speeds)
         self._barriers = np.unique([*schedule["n"][schedule["barrier"] == 1], *self._cuts]).astype(np.int64)
         told = told_limits(drivers.cnc.told_settings, program.axis_letters)
