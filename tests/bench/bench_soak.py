@@ -125,6 +125,7 @@ def soak(name: str, hours: float) -> tuple[Watch, Rows, Rows, list[str]]:
         kept = tempfile.TemporaryDirectory(prefix="soak-books-")
         service.service.terminate()
         service.service.wait(END_S)
+        day.planning.join(END_S)
         with kept as place:
             copy = Path(place) / DATABASE
             for suffix in ("", "-wal"):

@@ -91,18 +91,22 @@ class Day:
             tasks = [group.create_task(self.link.run()), group.create_task(self._look())]
             tasks += [group.create_task(self._console()) for _ in range(CONSOLES)]
             await self.until(lambda: self.state == "IDLE" and (self.service.run / TOLD).exists())
-            self._plan = group.create_task(asyncio.to_thread(self._plan_a_part))
-            k = 0
-            while self.hour < self._hours:
+            self._plan_beside()
+            k, begun = 0, self.hour
+            while self.hour - begun < self._hours:
                 async with self._passer_by():
                     await self._job(k)
-                if k % PLAN_EVERY == PLAN_EVERY - 1 and self._plan.done():
-                    self._plan = group.create_task(asyncio.to_thread(self._plan_a_part))
+                if k % PLAN_EVERY == PLAN_EVERY - 1 and not self.planning.is_alive():
+                    self._plan_beside()
                 k += 1
             self._is_over.set()
-            await self._plan
             for task in tasks:
                 task.cancel()
+
+    def _plan_beside(self) -> None:
+        """A part from upload to proof in a thread, whose workers give way to all else; what it has not made at the end it gives up."""
+        self.planning = threading.Thread(target=self._plan_a_part, daemon=True)
+        self.planning.start()
 
     async def until(self, holds: Callable[[], bool], seconds: float = STATE_S) -> None:
         """Wait. Raises TimeoutError with the cell's words."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cellctl.cell.answers import Answers as KeptAnswers
 from cellctl.cell.ipc import HEADER, IpcServer, encode, read_message
 from cellctl.domain.messages import PROTOCOL, Command, Event, Hello, Live, Reply
 from cellctl.domain.snapshot import Snapshot
@@ -156,3 +157,25 @@ async def test_a_second_cell_process_on_the_same_socket_is_refused_and_a_stale_o
     await second.start(tmp_path / "s")
     await second.close()
     assert not (tmp_path / "s").exists()
+
+
+async def test_connections_that_are_open_at_the_end_leave_no_words_in_the_log(tmp_path: Path, answer: Answers) -> None:
+    said: list[str] = []
+    asyncio.get_running_loop().set_exception_handler(lambda loop, context: said.append(str(context["message"])))
+    one = IpcServer(answer, "test cell")
+    await one.start(tmp_path / "other.sock")
+    reader, writer = await asyncio.open_unix_connection(tmp_path / "other.sock")
+    writer.write(encode(Hello(PROTOCOL, "test")))
+    await read_message(reader)
+    await one.close()
+    await asyncio.sleep(0)
+    writer.close()
+    assert said == []
+
+
+def test_answers_are_kept_as_many_as_a_restart_finds_and_the_oldest_goes_first() -> None:
+    kept = KeptAnswers(3)
+    for k in range(5):
+        kept[f"c{k}"] = Reply(f"c{k}", True)
+    kept["c3"] = Reply("c3", False)
+    assert [*kept] == ["c2", "c3", "c4"] and not kept["c3"].ok
