@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from config.cell import Cell
 from planner.program import Channel, LineKind, Program
@@ -67,13 +69,17 @@ class Light:
 
     origin_mm: tuple[float, float, float]
     edges: list[tuple[bool, float, tuple[float, float, float]]] = field(default_factory=list)  # on or off, time, place
+    gate: Callable[[], NDArray[np.float64]] | None = None  # (k,) the wired gate over the pieces that come next, 1 open
+    gate_edges: list[tuple[bool, float, tuple[float, float, float]]] = field(default_factory=list)  # of the gate itself, without the laser's ramp
     moving: list[tuple[float, float, float, float]] = field(default_factory=list)  # time, speed, emission, powder; of pieces with light
     time_s: float = 0.0
     _before_w: float = 0.0
+    _was_open: bool = False
 
     def apply(self, trace: Trace) -> None:
         """Pieces of a step of the world, in order."""
         half = 0.5 * POWER_W
+        self._see_gate(trace)
         for k in range(len(trace.dt)):
             dt, now_w = float(trace.dt[k]), float(trace.emission_w[k])
             if (now_w >= half) != (self._before_w >= half) and dt > 0.0:
@@ -86,8 +92,20 @@ class Light:
             self.time_s += dt
 
 
-def edge_errors_mm(program: Program, light: Light) -> tuple[list[float], list[float]]:
-    """(on, off) along the pass, late is positive: each edge at the plant against the nearest one of the Program that is of its kind."""
+    def _see_gate(self, trace: Trace) -> None:
+        gate = self.gate() if self.gate is not None else ()
+        for k, value in enumerate(gate):
+            if (value > 0.5) != self._was_open:
+                self._was_open = bool(value > 0.5)
+                place = trace.tip0[k] - np.array(self.origin_mm)
+                self.gate_edges.append((self._was_open, self.time_s, (float(place[0]), float(place[1]), float(place[2]))))
+
+
+def edge_errors_mm(program: Program, light: Light, *, of_gate: bool = False) -> tuple[list[float], list[float]]:
+    """(on, off) along the pass, late is positive: each edge at the plant against the nearest one of the Program that is of its kind.
+
+    of_gate : edges of the wired gate itself, not of the light behind it
+    """
     table = program.table
     tips = table["tip_end"]
     process = np.flatnonzero((table["kind"] == LineKind.PROCESS) & (np.linalg.norm(np.diff(tips, axis=0, prepend=tips[:1]), axis=1) > 1e-6))
@@ -97,7 +115,7 @@ def edge_errors_mm(program: Program, light: Light) -> tuple[list[float], list[fl
     along = (ends - begins) / np.linalg.norm(ends - begins, axis=1)[:, None]
     on: list[float] = []
     off: list[float] = []
-    for is_on, _, place in light.edges:
+    for is_on, _, place in light.gate_edges if of_gate else light.edges:
         row = int(np.argmin(np.abs(begins[:, 1] - place[1])))
         (on if is_on else off).append(float((np.array(place) - (begins if is_on else ends)[row]) @ along[row]))
     return on, off
