@@ -29,6 +29,8 @@ UNIX_START = 1_800_000_000.0
 SPINS = 12  # turns of the event loop that one tick's work may take
 ROLES = ("laser", "feeder", "io")
 LONGEST_S = 600.0
+DUE_MAX = 4  # set-points that are sent at their own time between two ticks
+DUE_APART_S = 5e-4
 
 
 def shipped_cell(name: str = "trunnion_tcp", **changes: object) -> Cell:
@@ -114,9 +116,7 @@ class CellUnderTest:
         for done in range(count):
             if until is not None and until():
                 return
-            self.sim.step(tick * self.time_scale)
-            self.clock.advance(tick)
-            await self._settle()
+            await self._go_on(tick)
             if self.is_alive and self.is_ticking:
                 self.controller.tick()
                 await self._settle()
@@ -126,14 +126,40 @@ class CellUnderTest:
             because = f"{self.state}: {self.controller.because}; waiting: {self.snapshot.waiting}; alarms: {list(self.controller.alarms)}"
             assert until(), f"not within {count * tick:g} s; {because}"
 
+    async def _go_on(self, seconds: float) -> None:
+        """Let wire time go by, with a stop at what is due between two ticks, as the cell's own loop has it."""
+        end = self.clock.now() + seconds
+        for _ in range(DUE_MAX):
+            run, now = self.controller.run, self.clock.now()
+            due = run.due_at() if run is not None and self.state is State.RUNNING and self.is_alive and self.is_ticking else None
+            if due is None or due > end - DUE_APART_S:
+                break
+            await self._pass(max(due - now, DUE_APART_S))
+            self.controller.act(self.clock.now())
+            await self._settle()
+        if end > self.clock.now():
+            await self._pass(end - self.clock.now())
+
+    async def _pass(self, seconds: float) -> None:
+        self.sim.step(seconds * self.time_scale)
+        self.clock.advance(seconds)
+        await self._settle()
+
     async def hurry(self, until: Callable[[], bool], scale: float = 10.0) -> None:
         """Let the plant run `scale` times as fast as the wires until something holds; then again as before."""
-        before, self.time_scale = self.time_scale, scale
-        self.sim.time_scale = scale
+        before = self.time_scale
+        self.set_pace(scale)
         try:
             await self.forward(until=until)
         finally:
-            self.time_scale = self.sim.time_scale = before
+            self.set_pace(before)
+
+    def set_pace(self, scale: float) -> None:
+        """From now on the plant runs `scale` times as fast as the wires. No plant's clock does that: the follower is not made to learn it."""
+        run = self.controller.run
+        if run is not None:
+            run.follower.pace.rate *= scale / self.time_scale
+        self.time_scale = self.sim.time_scale = scale
 
     def _commit(self) -> None:
         """What the journal's thread does ten times a second."""

@@ -197,7 +197,7 @@ def _device_rows(device: str, code: str, word: str) -> tuple[Row, ...]:
         row("answers exceptions", f"modbus_exception {device}"),
         row("answers the wrong count", f"modbus_wrong_count {device}"),
         row("answers late, three times", f"modbus_stale {device} 0.15 3", must=frozenset(), bound=""),
-        replace(row("server restarted", f"modbus_restart {device}", mend=""), codes=_told(f"{code}_lost"), words=()),
+        replace(row("server restarted", f"modbus_restart {device}", bound="request", mend=""), codes=_told(f"{code}_lost"), words=()),
         replace(row("without power", f"device_off {device}"), mend=(f"device_on {device}",)),
     )
 

@@ -134,11 +134,11 @@ class Scene:
     async def _until(self, holds: Callable[[], bool], scale: float) -> None:
         """Let the plant hurry until something holds. Raises AssertionError if it does not come about."""
         cell = self.cell
-        cell.time_scale = cell.sim.time_scale = scale
+        cell.set_pace(scale)
         try:
             await cell.forward(until=holds, seconds=HURRIED_S)
         finally:
-            cell.time_scale = cell.sim.time_scale = 1.0
+            cell.set_pace(1.0)
 
     def _add(self, texts: tuple[str, ...], within_s: float) -> float:
         """Have faults strike at a random instant within a while; process time of the first."""
@@ -187,7 +187,7 @@ class Scene:
     async def _watch_hurried(self) -> None:
         """A fault that nobody notices at once: go on with the job until it does, or the job is done."""
         cell = self.cell
-        cell.time_scale = cell.sim.time_scale = HURRY
+        cell.set_pace(HURRY)
         try:
             for _ in range(round(HURRIED_S / self.facts.limits.tick_s)):
                 if self._is_settled or (cell.state is S.IDLE and cell.controller.run is None):
@@ -196,7 +196,7 @@ class Scene:
                     break
                 await cell.forward(ticks=1)
         finally:
-            cell.time_scale = cell.sim.time_scale = 1.0
+            cell.set_pace(1.0)
 
     # -- verdicts ------------------------------------------------------------------------------------------------------
 
@@ -305,11 +305,11 @@ class Scene:
     async def _settle(self, passing: frozenset[State] | set[State]) -> None:
         """Let the plant hurry until the cell is in none of these states, or for a while."""
         cell = self.cell
-        cell.time_scale = cell.sim.time_scale = HURRY
+        cell.set_pace(HURRY)
         try:
             for _ in range(round(HURRIED_S / self.facts.limits.tick_s)):
                 await cell.forward(ticks=1)
                 if cell.state not in passing or cell.state is S.HELD:
                     break
         finally:
-            cell.time_scale = cell.sim.time_scale = 1.0
+            cell.set_pace(1.0)
