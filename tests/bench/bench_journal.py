@@ -14,6 +14,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -28,11 +29,13 @@ from config.cell import load_cell
 from planner.files import write_program
 from tests.bench.served import start_sim
 from tests.bench.table import Table
+from tests.cell import jobs
 from tests.cell.harness import CellUnderTest
 from tests.cell.jobs import one_wall
 
 KILLS = int(os.environ.get("BENCH_JOURNAL_KILLS", "6"))
-START_S = 90.0
+SPEED_MM_S = float(os.environ.get("BENCH_JOURNAL_MM_S", "17.5"))
+START_S = 180.0
 DARK_S = 1.5
 LIT_W = 400.0
 JOURNAL_S = 20.0
@@ -144,7 +147,8 @@ async def kills() -> list[tuple[float, float, float]]:
         bench = Bench(run)
         try:
             cell = load_cell(str(run / "cell.toml"))
-            program = one_wall(cell, layers=1, length_mm=160.0, pieces=400, mill=False)
+            with patch.object(jobs, "FEED_MM_S", SPEED_MM_S):
+                program = one_wall(cell, layers=1, length_mm=160.0, pieces=400, mill=False)
             write_program(program, run / "program")
             plant = Plant(run, timeline_of(program, cell))
             await bench.start()
@@ -214,5 +218,5 @@ def run() -> list[Table]:
     found = asyncio.run(kills())
     shown = [[k, *one] for k, one in enumerate(found)]
     columns = ["kill", "place less plant mm", "metal's end less plant mm", "ms since the last tick"]
-    note_ = "kill -9 in a pass at 10 mm/s, by wire; the plant's own line and joints are the truth"
+    note_ = f"kill -9 in a pass at {SPEED_MM_S:g} mm/s, by wire; the plant's own line and joints are the truth"
     return [costs, Table("What is known after a kill", columns, shown, note_)]
