@@ -168,7 +168,7 @@ class Client:
         return self.post(f"jobs/{job_id}/cancel", {"because": because})
 
     def command(self, verb: str, because: str = "", **fields: Any) -> Document:
-        """Command the cell: start, hold, resume, abort, stop, reset, home, unlock, confirm_position, jog."""
+        """Command the cell: start, hold, resume, abort, stop, reset, home, unlock, confirm_position, jog, override."""
         return self.post(f"cell/{verb}", {"because": because, **fields})
 
     def take_control(self, because: str = "") -> Document:

@@ -43,6 +43,7 @@ class Verb(StrEnum):
     UNLOCK = "unlock"
     CONFIRM_POSITION = "confirm_position"
     JOG = "jog"
+    OVERRIDE = "override"
 
 
 @router.get(
@@ -87,6 +88,9 @@ def list_events(
 
 def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
     """What the verb needs. Raises ApiError 422."""
+    if (verb is Verb.OVERRIDE) != (body.feed_percent is not None):
+        detail = "override needs feed_percent" if verb is Verb.OVERRIDE else f"feed_percent does not belong to {verb.value}"
+        raise ApiError(422, "The request does not fit", detail, "it is the feed in percent of the programmed one, for override alone")
     if verb is Verb.JOG:
         if body.axis is None or body.distance is None or body.feed is None:
             raise ApiError(
@@ -104,7 +108,7 @@ def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
         raise ApiError(
             422, "The request does not fit", f"job, table_clear and part_untouched do not belong to {verb.value}", "leave them out"
         )
-    return {}
+    return {"feed_percent": body.feed_percent} if verb is Verb.OVERRIDE else {}
 
 
 async def _stop_without_link(service: Service, person: Person, body: CellCommand) -> Reply:

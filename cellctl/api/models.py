@@ -139,7 +139,7 @@ class Because_(Strict):
 
 class CellCommand(Strict):
     """What a command to the cell needs. job, table_clear, part_untouched: start;
-    axis, distance, feed, continuous: jog (mm or deg, mm/min or deg/min)."""
+    axis, distance, feed, continuous: jog (mm or deg, mm/min or deg/min); feed_percent: override."""
 
     because: str = Because
     id: str | None = Field(None, max_length=100, description="the same id is carried out once")
@@ -149,6 +149,7 @@ class CellCommand(Strict):
     axis: str | None = Field(None, max_length=1)
     distance: float | None = Field(None, ge=-10_000, le=10_000)
     feed: float | None = Field(None, gt=0, le=100_000)
+    feed_percent: int | None = Field(None, ge=10, le=200, description="override: of the programmed feed, 100 as programmed")
     continuous: bool = Field(False, description="jog: until its end is told or jog/keep is not, in the sense of distance")
 
 

@@ -61,6 +61,7 @@ class Commands:
             "unlock": self._unlock,
             "confirm_position": self._confirm_position,
             "jog": self._jog,
+            "override": self._override,
             "jog_keep": self._jog_keep,
             "jog_end": self._jog_end,
             "record": self._record,
@@ -169,6 +170,8 @@ class Commands:
         check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
         await drivers.cnc.wait_until(lambda: c.gate.is_shut, SHUT_S)
         c.gate.check()
+        if drivers.cnc.status is not None and drivers.cnc.status.overrides[0] != 100:  # of an earlier job: a new one begins as programmed
+            drivers.cnc.feed_override(100)
         self._check_table(command)
         self._check_start(stops)
         c.found.jobs.add(job)
@@ -261,6 +264,17 @@ class Commands:
                 c.run.judge.standstill("stopped")
                 c.quiesce.outcome = c.quiesce.outcome or "aborted"
         c.go(T.STOP, because or "STOP pressed")
+
+    async def _override(self, command: Command) -> dict[str, Any]:
+        """Feed override in percent of the programmed feed; the laser's power follows it below 100 % (power_share.py)."""
+        c, percent = self._c, command.args.get("feed_percent")
+        if isinstance(percent, bool) or not isinstance(percent, int):
+            raise Refused("override: feed_percent is needed", "give a whole number of percent, 100 as programmed")
+        drivers = self._drivers()
+        drivers.cnc.feed_override(percent)
+        if c.run is not None:
+            c.run.follower.command_override(percent / 100.0, c.times.wire.now())
+        return {"state": c.state.value, "feed_percent": percent}
 
     async def _reset(self, command: Command) -> dict[str, Any]:
         c = self._c

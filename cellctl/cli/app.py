@@ -23,7 +23,7 @@ COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record, go_on),
     "Cell": (
-        remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position,
+        remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position, remote.override,
         remote.jog, remote.control,
     ),
 }

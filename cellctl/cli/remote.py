@@ -275,6 +275,18 @@ def jog(
     _command("jog", because, url, run, json, takes_control=take, axis=axis.upper(), distance=distance, feed=feed)
 
 
+def override(
+    percent: Annotated[int, typer.Argument(min=10, max=200, help="Feed in percent of the programmed one; 100: as programmed.")],
+    because: Because = "",
+    take: TakeControl = False,
+    url: Url = None,
+    run: RunFolder = DEFAULT_RUN,
+    json: Json = False,
+) -> None:
+    """Feed override of the machine; below 100 % the laser's power follows."""
+    _command("override", because, url, run, json, takes_control=take, feed_percent=percent)
+
+
 def control(
     release: Annotated[bool, typer.Option("--release", help="Give control back.")] = False,
     take: TakeControl = False,
