@@ -15,6 +15,7 @@ from tests.hardware.joined import AtBench, BenchDrivers, drivers_at, towards_mid
 
 STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
 GRBL_RX_BYTES_LEAST = 64  # no controller that these drivers know has less
+NEAR_MM = 0.01
 DEAD_MAN_SHARE = 0.4  # the last heartbeat may be as old as the next one was due
 
 
@@ -109,7 +110,8 @@ async def test_a_small_jog_goes_where_it_should_and_back(bench_cell: AtBench) ->
         way = towards_middle(bench_cell.cell, _joints(bench), bench_cell.facts.distance_mm)
         for distance, goal in ((way, began + way), (-way, began)):
             await cnc.jog(letter, distance, bench_cell.facts.feed_mm_min)
-            await bench.until(lambda goal=goal: abs(_position(bench, letter) - goal) < 0.01 and cnc.status.is_idle)
+            await bench.until(lambda goal=goal: abs(_position(bench, letter) - goal) < NEAR_MM and cnc.status.is_idle)
+        assert _position(bench, letter) == pytest.approx(began, abs=NEAR_MM)
 
 
 def _position(bench: BenchDrivers, letter: str) -> float:
