@@ -36,8 +36,8 @@ class FarCell:
         return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
 
 
-def idle(control: Control | None = None, table: Table = Table()) -> Snapshot:
-    return Snapshot(1, 0.0, "c", "sim", "IDLE", "READY", control=control, table=table)
+def idle(control: Control | None = None, disturbed_at: float = 0.0, because: str = "") -> Snapshot:
+    return Snapshot(1, 0.0, "c", "sim", "IDLE", "READY", control=control, table=Table(disturbed_at, because))
 
 
 def runs_of(store: Store, far: FarCell, **facts: float) -> Runs:
@@ -114,11 +114,11 @@ async def test_a_refusal_tells_why_and_takes_the_confirmation_away_unless_only_c
 
 @pytest.mark.parametrize("what", ["disturbed", "old"])
 async def test_a_table_that_was_disturbed_or_looked_at_long_ago_is_not_started_on(store: Store, job: JobRow, what: str) -> None:
-    table = Table(job.timestamps["table_clear"] + 1.0, "the door was open") if what == "disturbed" else Table()
+    table = (job.timestamps["table_clear"] + 1.0, "the door was open") if what == "disturbed" else ()
     with store.write() as rows:
         if what == "old":
             jobs.confirm_table(rows, job.id, store.clock() - 1000.0, "anna", "anna/tablet")
-    far = FarCell(idle(table=table), [Reply("", True)])
+    far = FarCell(idle(None, *table), [Reply("", True)])
     await runs_of(store, far, table_confirmed_s=900.0)._start_next()
     after = now(store, job)
     assert far.asked == [] and not after.table_clear
