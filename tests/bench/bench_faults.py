@@ -14,7 +14,8 @@ from collections.abc import Sequence
 
 from tests.bench.table import Cell, Table
 from tests.cell.faults.play import Key, play, play_all
-from tests.cell.faults.rows import LATER, ROWS, Row, bound_s
+from tests.cell.faults.row import Row, bound_s
+from tests.cell.faults.rows import LATER, ROWS
 from tests.cell.faults.scene import GATES, SITUATIONS, Outcome, facts_of
 
 RUNS = 5
@@ -69,7 +70,7 @@ def tables_of(outcomes: Sequence[Outcome], took_s: float) -> list[Table]:
     rows = [_row(row, by_row[row.name]) for row in ROWS if by_row[row.name]]
     rows += [[name, 0, 0, "-", "-", 0, "-", *["not in this bench"] * len(SITUATIONS)] for name in LATER]
     note = (
-        f"{len(outcomes)} runs in {took_s:.0f} s, random instants, in stream-gate and Modbus-gate cells, simulated time; times of the wires at the plant. "
+        f"{len(outcomes)} runs in {took_s:.0f} s, random instants, in stream-gate and Modbus-gate cells, simulated time; times at the plant. "
         "bound: 30 ms, one request (100 ms at most) and the stale limit of the signal that was lost; where nobody can reach the laser, its dead-man."
     )
     wrong = [outcome for outcome in outcomes if outcome.wrong]

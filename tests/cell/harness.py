@@ -15,10 +15,11 @@ from cellctl.cell.record import Journal, StoreError
 from cellctl.cell.tick import Beat
 from cellctl.cell.view import snapshot
 from cellctl.domain.messages import Command, Event, Reply
+from cellctl.domain.pace import Pace
 from cellctl.domain.snapshot import Snapshot
 from cellctl.domain.states import State
 from config.cell import Cell, load_cell
-from config.device import load_device
+from config.device import Device, load_device
 from planner.program import Program
 from sim.world import World
 from tests.cell.jobs import one_wall
@@ -31,6 +32,7 @@ ROLES = ("laser", "feeder", "io")
 LONGEST_S = 600.0
 DUE_MAX = 4  # set-points that are sent at their own time between two ticks
 DUE_APART_S = 5e-4
+KNOWN_SPAN_S = 0.1  # about a status period, at a new pace
 
 
 def shipped_cell(name: str = "trunnion_tcp", **changes: object) -> Cell:
@@ -48,7 +50,7 @@ class CellUnderTest:
         self.store = store
         self.facts = cell or shipped_cell()
         self.clock = ManualClock()
-        devices = {role: load_device(link.device) for role, link in self.facts.links.items()}
+        devices: dict[str, Device] = {role: load_device(link.device) for role, link in self.facts.links.items()}
         self.sim = World(self.facts, devices, time_scale=time_scale)
         self.sim.wire_interlocks()
         self.wires = PlantWires(self.facts, devices, self.sim, self.clock)
@@ -158,7 +160,8 @@ class CellUnderTest:
         """From now on the plant runs `scale` times as fast as the wires. No plant's clock does that: the follower is not made to learn it."""
         run = self.controller.run
         if run is not None:
-            run.follower.pace.rate *= scale / self.time_scale
+            pace = run.follower.pace = Pace()
+            pace.take(scale * KNOWN_SPAN_S, KNOWN_SPAN_S, 0.0, 0.0)
         self.time_scale = self.sim.time_scale = scale
 
     def _commit(self) -> None:

@@ -7,11 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from cellctl.domain.states import IN_JOB, LATCHED, State
 from config.cell import Cell
 from tests.cell.faults.programs import Cached, program_for
-from tests.cell.faults.rows import Row, bound_s
+from tests.cell.faults.row import Row, bound_s
 from tests.cell.harness import CellUnderTest, shipped_cell
 
 SITUATIONS = ("preparing", "depositing", "milling", "held", "resuming", "jogging", "homing")
@@ -80,7 +81,7 @@ class Scene:
 
     # -- the story -----------------------------------------------------------------------------------------------------
 
-    async def _command(self, verb: str, **args: object) -> bool:
+    async def _command(self, verb: str, **args: Any) -> bool:
         ident = f"{verb}-{len(self.replies)}"
         reply = await self.cell.command(verb, ident, **args)
         self.replies.append((ident, verb, reply.ok))
