@@ -20,11 +20,11 @@ export function Rest({ job }: { job: Job }) {
   if (!job.continues_job) return null;
   const figures = job.resumption;
   return (
-    <section class="panel rest">
+    <section class="panel generated">
       <h2>{say.program}</h2>
       <Other label={say.continues} id={job.continues_job} />
       {figures && (
-        <dl class="pairs two">
+        <dl class="pairs stacked">
           {Object.entries(say.figures).map(([name, label]) => (
             <div key={name}>
               <dt>{label}</dt>
