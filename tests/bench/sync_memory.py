@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.domain.messages import Command
+from cellctl.domain.states import State
 from config.base import find_facts
 from config.cell import Cell
 from config.device import Table
@@ -22,6 +23,7 @@ from tests.cell.harness import CellUnderTest, shipped_cell
 from tests.cell.plant_wires import DirectLink, ManualClock
 
 STEP_S = 0.001
+READY_S = 1.0  # in which a slow line has read everything
 BITS, GAP_MIN_S = 11, 0.00175  # of a character, and between frames (Modbus over serial line 1.02, 2.5.1)
 SLOW_S = 0.05  # a device that answers later than this has stale limits of its own in its map
 SLOW_STALE_S = 0.8
@@ -88,6 +90,13 @@ class FineCell(CellUnderTest):
         self.sim.metal = self.light
         self.delay_s, self.jitter_s = delay_s, jitter_s
         self._random = random.Random(5)
+
+    async def power_up(self, *, until_idle: bool = True) -> None:
+        """Start at a millisecond's pace, until every device was read a few times."""
+        await super().power_up(until_idle=False)
+        await self.fine(lambda: self.state is not State.OFFLINE, 20.0)
+        ready_at = self.clock.now() + READY_S
+        await self.fine(lambda: self.clock.now() >= ready_at, 2.0 * READY_S)
 
     def _open_paced(self) -> CellDrivers:
         """Drivers whose requests take the time of their characters, where the cell has RTU lines."""

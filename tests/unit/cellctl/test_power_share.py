@@ -46,9 +46,9 @@ def test_the_set_power_is_the_most_there_is(speed: float) -> None:
 def test_two_writes_are_as_far_apart_as_a_slow_line_needs() -> None:
     moving = Moving(0.5, at=1.0)
     share = share_of(moving)
-    assert share.at(1.00, 1.01, 0.040) == 0.5
+    assert share.at(1.00, 1.01, 0.040) == pytest.approx(0.5)
     moving.speed = 0.4
-    assert share.at(1.10, 1.11, 0.040) == 0.5
+    assert share.at(1.10, 1.11, 0.040) == pytest.approx(0.5)
     moving.at = 1.2
     assert share.at(1.20, 1.21, 0.040) == pytest.approx(0.4)
 
