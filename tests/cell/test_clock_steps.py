@@ -25,7 +25,7 @@ KNOWN = {
 def set_clock(cell: CellUnderTest, step_s: float) -> None:
     cell.controller.times.unix = lambda: UNIX_START + cell.clock.now() + step_s
     for part in (cell.controller.table, cell.controller.control, cell.controller.clock_watch):
-        part._unix = cell.controller.times.unix  # type: ignore[attr-defined]
+        part._unix = cell.controller.times.unix
 
 
 @pytest.mark.parametrize("step_s", [-HOUR_S, DAY_S])

@@ -116,7 +116,7 @@ async def test_slow_disk_keeps_neither_the_loop_nor_the_order_of_rows(tmp_path: 
         gate.wait(5.0)
         return transact(batch)  # type: ignore[arg-type]
 
-    journal._transact = slow  # type: ignore[method-assign, assignment]
+    journal._transact = slow  # type: ignore[method-assign]
     journal.start()
     for k in range(50):
         journal.event(event(str(k)))
