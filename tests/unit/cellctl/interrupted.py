@@ -29,6 +29,7 @@ from planner.mesh import load
 from planner.program import LineKind, Program
 from planner.recipe import Recipe
 
+MESH_SHA256 = "0" * 64
 RECIPE: dict[str, Any] = {"process": "deposit", "tolerance_mm": 0.5}
 
 
@@ -74,6 +75,7 @@ def interrupted_job(store: Store, made: Posted, line: int, fraction: float = 0.5
     data = made.mesh.read_bytes()
     sha256 = hashlib.sha256(data).hexdigest()
     store.blobs.part(sha256, ".stl").write_bytes(data)
+    store.blobs.mesh(MESH_SHA256).write_bytes(data)
     plan_sha256, program_sha256 = blobs.sha256_of(made.plan), blobs.sha256_of(made.program / "program.json")
     if not store.blobs.program(program_sha256).exists():
         shutil.copy(made.plan, store.blobs.plan(plan_sha256))
@@ -81,7 +83,7 @@ def interrupted_job(store: Store, made: Posted, line: int, fraction: float = 0.5
         shutil.copytree(made.program, store.blobs.program(program_sha256))
         shutil.copytree(form_beside(made.program), form_beside(store.blobs.program(program_sha256)))
     now = store.clock()
-    inspection = Inspection("0" * 64, [[-4, -1.2, -0.8], [4, 1.2, 0.8]], 12, 30.72, [])
+    inspection = Inspection(MESH_SHA256, [[-4, -1.2, -0.8], [4, 1.2, 0.8]], 12, 30.72, [])
     part = PartRow(new_id("part", now), name, ".stl", "mm", sha256, len(data), now, "me", inspection)
     toml = tomli_w.dumps(Recipe(**RECIPE).model_dump(mode="json", exclude_none=True))
     row = JobRow(
