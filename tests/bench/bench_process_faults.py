@@ -119,18 +119,18 @@ FAULTS = (
 
 
 def _accept(site: Site, fault: Fault, dice: random.Random) -> None:
-    """Strike while a command is on its way: whatever was answered is asked for again with the same id, and has to be there once."""
-    answers: list[str] = []
-
-    def send() -> None:
-        with contextlib.suppress(ServiceError):
-            answers.append(str(site.client.command("hold", "at the instant", id="at-the-instant")["ok"]))
-
-    sender = threading.Thread(target=send)
+    """Strike while a command is on its way."""
+    sender = threading.Thread(target=_ask, args=(site,))
     sender.start()
     time.sleep(dice.uniform(0.0, 0.03))
     fault.strike(site)
     sender.join()
+
+
+def _ask(site: Site) -> None:
+    """A hold under an id of this run: asked again, it has to be in the record once."""
+    with contextlib.suppress(ServiceError):
+        site.client.command("hold", "at the instant", id=f"hold-{site.jobs}")
 
 
 def play(site: Site, fault: Fault, situation: str, seed: int) -> Outcome:
@@ -153,6 +153,8 @@ def play(site: Site, fault: Fault, situation: str, seed: int) -> Outcome:
         until(lambda: site.state(), "an answer")
         found.back_s = time.monotonic() - began
         found.told = found.told or _told(site, fault)
+        if situation == "accepting":
+            _ask(site)
         refused = site.bring_back()
         if refused:
             found.wrong.append(refused)
