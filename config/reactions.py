@@ -60,7 +60,7 @@ DEFAULTS: dict[str, Reaction] = {
     "powder_flow": _HOLD,
     "gas_flow": _HOLD,
     "io_silent": _HOLD,
-    "io_lost": _HOLD,
+    "io_lost": _RESET,
     "power": _RESET,
     "cnc_lost": _RESET,
     "cnc_silent": _RESET,

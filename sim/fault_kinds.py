@@ -96,7 +96,7 @@ def _device_off(world: World, device: str) -> None:
 def _restart(world: World, device: str) -> None:
     """Power-up values, and every connection is dropped; an RTU line has none."""
     world.plants[device].restart()
-    if world.cell.links[device].transport == "tcp":
+    if any(role == device and link.transport == "tcp" for role, link in world.cell.links.items()):
         world.wires[device].breaks += 1
     world.wire_interlocks()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from collections.abc import Callable
 
 from drivers.cell_wires import CellDrivers
 from drivers.errors import LinkError

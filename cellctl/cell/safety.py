@@ -23,6 +23,7 @@ FLOW_BAND = 3.0  # times powder_settle_tolerance
 TOOL_GRACE_S = 1.0
 OPENINGS = "_openings"  # ending of the registers that count how often a contact has opened
 BRIEFLY = "it has opened and closed between two readings"
+HEAD_PLACES = {DEPOSIT: ("head_deployed", "not deployed while depositing"), MILL: ("head_parked", "not parked while milling")}
 WIRES = ("cnc_lost", "cnc_silent", "laser_silent", "feeder_silent", "io_silent")
 TOGETHER_S = 2.0  # the slowest signal has gone stale by then, whichever was seen first
 ALL_SILENT = "CNC, laser, powder feeder and I/O coupler answer no more"
@@ -271,11 +272,13 @@ class Senses:
             yield "powder_flow", f"{read:.1f} of {wanted:.1f} g/min", ""
 
     def _positions(self, now: Situation) -> Iterator[tuple[str, str, str]]:
-        io = self._d.io
-        if now.state is State.RUNNING and now.mode == DEPOSIT and not io.head_deployed:
-            yield "head_position", "not deployed while depositing", ""
-        if now.state is State.RUNNING and now.mode == MILL and not io.head_parked:
-            yield "head_position", "not parked while milling", ""
+        wanted = HEAD_PLACES.get(now.mode)
+        if now.state is State.RUNNING and wanted is not None:
+            place = _signal(self._d.io.client, wanted[0])
+            if not place.is_fresh:
+                yield "io_silent", _why_silent(self._d.io.client), ""
+            elif not place.value:
+                yield "head_position", wanted[1], ""
         status = self._d.cnc.status
         if (
             now.state is not State.RUNNING

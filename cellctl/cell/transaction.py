@@ -107,7 +107,10 @@ class Rollback:
     def __init__(
         self, first: Sequence[Step], broken: Transaction, last: Sequence[Step], failed: str, may_move: Callable[[], str]
     ) -> None:
-        """first, last : steps before and behind those of `broken`; failed : what is told of the step that failed; may_move : why nothing may move now, or ''"""
+        """first, last : steps before and behind those of `broken`
+
+        failed : what is told of the step that failed; may_move : why nothing may move now, or ''
+        """
         undoing = [step for done in reversed(broken.begun) for step in done.undo]
         self._left = list({step.text: step for step in [*first, *undoing, *last]}.values())
         self._may_move = may_move

@@ -44,7 +44,6 @@ EXPLAINS: dict[str, dict[str, re.Pattern[str]]] = {
     "laser_silent": {"laser_lost": ANYTHING},
     "feeder_fault": {"feeder_lost": ANYTHING},
     "feeder_silent": {"feeder_lost": ANYTHING},
-    "io_silent": {"io_lost": ANYTHING, "head_position": ANYTHING},
     "io_lost": {"head_position": ANYTHING},
 }
 """Cause -> code of a report that it explains, if the words of the report's detail are found."""

@@ -12,7 +12,8 @@ from cellctl.cell.black_box import JOB_BYTES, SLOT_BYTES, BlackBox, Moment, Plac
 
 
 def moment(k: int, job: str = "job-1") -> Moment:
-    return Moment(job, 1.8e9 + k, float(k), Place(k, 0.25, 3.5 * k), 0.1 * k, Place(k - 1, 1.0, 3.0), 0.9, Place(k, 0.5, 4.0), k, k + 9, True, 800.0, 10.0)
+    at, lit, dark = Place(k, 0.25, 3.5 * k), Place(k - 1, 1.0, 3.0), Place(k, 0.5, 4.0)
+    return Moment(job, 1.8e9 + k, float(k), at, 0.1 * k, lit, 0.9, dark, k, k + 9, True, 800.0, 10.0)
 
 
 def test_the_last_moment_is_there_for_the_next_process(tmp_path: Path) -> None:
