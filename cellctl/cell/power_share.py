@@ -30,13 +30,17 @@ class PowerShare:
         """0.1..1 for a level that is sent at wire time `now` and has come at `effect_at` (s). request_s : that one write takes"""
         follower = self._follower
         last = follower.last
-        first, second = effect_at, effect_at + SPAN_S
-        if last is None or not last.is_run or second > last.at + HORIZON_PERIODS * follower.period_s:
+        if last is None or not last.is_run or effect_at + SPAN_S > last.at + HORIZON_PERIODS * follower.period_s:
             return self._share
-        passed = follower.predicted_time(second) - follower.predicted_time(first)
-        share = passed / (SPAN_S * max(follower.rate, 1.0))
+        gap_s = max(self._write_s, WRITES_APART * request_s)
+        share = max(self._speed(effect_at), self._speed(effect_at + gap_s))  # a ramp that is over before the next write is none
         share = 1.0 if share > FULL else max(share, LEAST)
         is_worth = abs(share - self._share) > DEADBAND * self._share or (share == 1.0 and self._share != 1.0)
-        if is_worth and now - self._changed_at >= max(self._write_s, WRITES_APART * request_s):
+        if is_worth and now - self._changed_at >= gap_s:
             self._share, self._changed_at = share, now
         return self._share
+
+    def _speed(self, at: float) -> float:
+        """Program seconds per wire second at wire time `at`, of those at full speed."""
+        follower = self._follower
+        return (follower.predicted_time(at + SPAN_S) - follower.predicted_time(at)) / (SPAN_S * max(follower.rate, 1.0))
