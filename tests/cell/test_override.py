@@ -9,7 +9,7 @@ from tests.cell.jobs import FEED_MM_S, POWER_W, one_wall
 
 
 async def test_half_the_feed_is_half_the_power_and_the_prediction_knows_it_at_once(cell: CellUnderTest) -> None:
-    await cell.deposit(layers=1, mill=False, pieces=2)
+    await cell.deposit(layers=1, mill=False, pieces=20)
     reply = await cell.command("override", feed_percent=50)
     assert reply.ok, reply.error
     assert cell.controller.run is not None and cell.controller.run.follower.override == 0.5
