@@ -19,9 +19,9 @@ setup: ## make .venv and build the console, as far as they are not up to date
 demo: setup ## a simulated cell builds a part, from upload to measured result
 	@$(BIN)/cellctl demo $(ARGS)
 
-test: setup ## all tests except the slow ones; the architecture is one of them
+test: setup ## all tests except the slow ones, on two cores; the architecture is one of them
 	@.setup/install_debian.sh
-	@$(BIN)/python -m pytest $(ARGS)
+	@.setup/run_tests.sh $(ARGS)
 
 bench: ## measure and print tables (also in tests/bench/results)
 	@.setup/setup.sh bench

@@ -14,6 +14,7 @@ from sim.world import World
 DARK_W = 10.0  # about 1 % of the power: tail of the laser's ramp
 NUMBER_WORD = re.compile(r"N(\d+)")
 DEPOSITING_TOOLS = (1,)
+UNHEARD_S = 0.63  # a coupler that is dead or slow hides where the head is for its contacts' stale limit, and one reaction
 LEVELS: dict[str, Callable[[World], bool]] = {
     "door": lambda world: world.io.door_closed,
     "estop": lambda world: world.io.estop_ok,
@@ -39,6 +40,7 @@ class PlantWitness:
         self.unsafe_since: dict[str, float] = {}
         self.unsafe_lit_s: dict[str, float] = {}  # longest that light stayed behind an unsafe level
         self.unguarded = ""  # light with the wrong tool or with the head parked, in words
+        self._parked_since: float | None = None
         self.taken: list[int] = []  # N-words of lines that the machine took, in their order
         world.metal = self
         self._watch_lines()
@@ -60,6 +62,10 @@ class PlantWitness:
         """Take in the pieces of a step. The world calls this when its time has gone on."""
         world = self._world
         end = world.wire_time_s
+        if not world.io.is_parked:
+            self._parked_since = None
+        elif self._parked_since is None:
+            self._parked_since = end
         is_lit = trace.emission_w > DARK_W
         if not is_lit.any():
             if trace.dt.any():
@@ -77,9 +83,15 @@ class PlantWitness:
                 self._standing_s = 0.0
         self.burnt_lines.update(trace.line[is_lit].tolist())
         self.last_lit_at = end - float(trace.dt[int(np.flatnonzero(is_lit)[-1]) + 1 :].sum()) / scale
-        if trace.tool not in DEPOSITING_TOOLS or self._world.io.is_parked:
+        if trace.tool not in DEPOSITING_TOOLS or self._is_parked_unseen(end):
             self.unguarded = f"light with tool {trace.tool} and the head {'parked' if self._world.io.is_parked else 'out'}"
         self._note_levels(end, True)
+
+    def _is_parked_unseen(self, now: float) -> bool:
+        """Whether the head is parked, and has been for longer than a coupler that does not answer can hide."""
+        wire = self._world.wires["io"]
+        allowed_s = UNHEARD_S if wire.is_silent or wire.delay_s > 0.0 else 0.0
+        return self._parked_since is not None and now - self._parked_since >= allowed_s
 
     def _note_levels(self, now: float, is_lit: bool) -> None:
         for name, is_safe in LEVELS.items():
