@@ -123,7 +123,7 @@ async def test_an_answer_to_nothing_ends_the_job_with_its_cause(cell: CellUnderT
     driver = cell.controller.drivers.cnc if cell.controller.drivers else None
     assert driver is not None
     for event in driver.protocol.receive(b"ok\r\n" * (driver.protocol.unanswered + 1), cell.clock.now()):
-        driver._take(event)
+        driver._take(event, cell.clock.now())
     await cell.forward(seconds=2.0)
     assert cell.state is State.FAULT
     assert "answered" in cell.snapshot.alarms[0].cause and cell.snapshot.alarms[0].remedy
