@@ -88,7 +88,7 @@ def assemble(tape: Tape, setting: Setting) -> Assembly:
     starts = np.searchsorted(np.maximum.accumulate(items["layer"]), np.arange(layers))
     layer_starts = np.append(starts, len(items)).astype(np.int64)
     schedule = schedule_of(entries, draft.line_of_item(tape.count))
-    return Assembly(lines, _table(items, times, setting), schedule, layer_starts, float(times.sum()))
+    return Assembly(lines, line_table(items, times, setting.placed, setting.chain, setting.cell), schedule, layer_starts, float(times.sum()))
 
 
 def _splined(draft: Draft, words: Words, setting: Setting, start: Floats, entries: list[Entry]) -> Draft:
@@ -173,7 +173,11 @@ def _dwelt(tape: Tape, draft: Draft, times: Floats) -> Draft:
     return draft.only(is_kept)
 
 
-def _table(items: NDArray[np.void], times: Floats, setting: Setting) -> NDArray[np.void]:
+def line_table(items: NDArray[np.void], times: Floats, placed: Floats, chain: Chain, cell: Cell) -> NDArray[np.void]:
+    """(n,) LINE_DTYPE of a tape's items, (n,) ITEM_DTYPE, a line each.
+
+    times : (n,) s, predicted   placed : (4, 4), build frame to table frame, mm; tips and axes are told in the build frame
+    """
     table = np.zeros(len(items), LINE_DTYPE)
     table["n"] = np.arange(1, len(items) + 1)
     for name in ("kind", "layer", "operation", "pass_", "arc_start_mm", "arc_end_mm", "bulge"):
@@ -182,11 +186,11 @@ def _table(items: NDArray[np.void], times: Floats, setting: Setting) -> NDArray[
     table["time_end_s"] = ends
     table["time_start_s"] = np.append(0.0, ends[:-1])[: len(items)]
     table["joints_end"] = items["joints"]
-    build_from_table = np.linalg.inv(setting.placed)
+    build_from_table = np.linalg.inv(placed)
     for number in np.unique(items["tool"]):
         of_tool = items["tool"] == number
-        tool_tip = next((np.array(tool.tip_mm) for tool in setting.cell.tools if tool.number == number), np.zeros(3))
-        tip, axis = setting.chain.forward(items["joints"][of_tool], tool_tip)
+        tool_tip = next((np.array(tool.tip_mm) for tool in cell.tools if tool.number == number), np.zeros(3))
+        tip, axis = chain.forward(items["joints"][of_tool], tool_tip)
         table["tip_end"][of_tool] = tip @ build_from_table[:3, :3].T + build_from_table[:3, 3]
         table["axis_end"][of_tool] = axis @ build_from_table[:3, :3].T
     return table

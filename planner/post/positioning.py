@@ -10,12 +10,12 @@ import numpy as np
 from config.cell import Cell, Tool
 from planner.collide.clearance import Clearance
 from planner.collide.guard import Guard
-from planner.errors import PostError, ReachError
-from planner.kinematics.chain import TOOL_AXIS, Chain, Floats
+from planner.errors import ReachError
+from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.timing import axis_limited_times
+from planner.post.retract import Retract
 from planner.post.tape import Move, Origin, Tape
 
-_UPRIGHT = 0.5  # least share of the retracting axis' motion that goes along the machine's z
 _SAME = 1e-6  # mm or deg
 _LIFTS = (1.0, 3.0, 8.0, 20.0)  # of the cell's rapid clearance: tried in order, the full retract after them
 _ROOM_MM = 3.0  # that a way across keeps from everything; up from a pass and down to one it is as near as those are
@@ -34,18 +34,8 @@ class Positioner:
     """Adds positioning to a tape.  low, retracted : how many ways were run lifted a little, and fully retracted."""
 
     def __init__(self, chain: Chain, cell: Cell, guard: Guard) -> None:
-        lifts = chain.linear_directions(np.zeros((1, 5)))[0] @ TOOL_AXIS
-        best = int(np.argmax(np.abs(lifts)))
-        if abs(float(lifts[best])) < _UPRIGHT:
-            raise PostError(
-                f"cell {cell.name}: no linear axis moves the tool away from the table",
-                "correct the directions of the joints",
-            )
-        joint = chain.linear[best]
-        self._column = joint.column
-        axis = cell.axis(joint.letter)
-        self._way = 1.0 if lifts[best] > 0.0 else -1.0
-        self._retracted = axis.max if lifts[best] > 0.0 else axis.min
+        retract = Retract.of(chain, cell)
+        self._column, self._way, self._retracted = retract.column, retract.way, retract.end
         self._clearance = cell.rapid_clearance_mm
         self._max_velocity = np.array([axis.max_velocity for axis in cell.axes])
         self._all = (1 << len(cell.axes)) - 1

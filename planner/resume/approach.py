@@ -9,14 +9,14 @@ import numpy as np
 
 from config.cell import Cell, Tool
 from planner.collide.guard import Guard
-from planner.errors import PostError, ReachError
+from planner.errors import ReachError
 from planner.kinematics.chain import TOOL_AXIS, Chain, Floats
 from planner.kinematics.inverse import linear_joints
 from planner.kinematics.limits import check_travel, excess
 from planner.plan import Plan
+from planner.post.retract import Retract
 from planner.program import Program
 
-_UPRIGHT = 0.5  # least share of the retracting axis' motion that goes along the machine's z
 _ALONG = 0.9999  # cosine: the tool's axis goes along the retracting one
 _LIFTS = (1.0, 3.0, 8.0, 20.0)  # of the clearance: how far out along the tool's axis, tried in order
 
@@ -34,29 +34,6 @@ class Approach:
     clear: Floats
     target: Floats
 
-
-@dataclass(frozen=True)
-class Retract:
-    """Which linear axis takes the tool away from the table, to where.  way : +1 or -1"""
-
-    column: int
-    end: float
-    way: float
-
-    @classmethod
-    def of(cls, chain: Chain, cell: Cell) -> Retract:
-        """Raises PostError if no linear axis moves the tool away from the table."""
-        lifts = chain.linear_directions(np.zeros((1, 5)))[0] @ TOOL_AXIS
-        best = int(np.argmax(np.abs(lifts)))
-        if abs(float(lifts[best])) < _UPRIGHT:
-            raise PostError(
-                f"cell {cell.name}: no linear axis moves the tool away from the table",
-                "correct the directions of the joints",
-            )
-        joint = chain.linear[best]
-        axis = cell.axis(joint.letter)
-        up = float(lifts[best]) > 0.0
-        return cls(joint.column, axis.max if up else axis.min, 1.0 if up else -1.0)
 
 
 def approach_to(

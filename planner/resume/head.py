@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from config.cell import Cell
 from planner.kinematics.chain import Chain, Floats
 from planner.kinematics.timing import axis_limited_times
+from planner.post.assemble import line_table
 from planner.post.blocks import Script, inverse_time
 from planner.post.clock import item_times, spin_up_s
 from planner.post.dialect import JointDialect
@@ -17,10 +18,11 @@ from planner.post.draft import Draft
 from planner.post.header import remark
 from planner.post.macros import START, MacroBook
 from planner.post.process_state import MODE_DEPOSIT, MODE_MILL
+from planner.post.retract import Retract
 from planner.post.tape import Entry, Move, Origin, Tape, schedule_of
 from planner.post.words import Words, decimal
-from planner.program import LINE_DTYPE, Channel, LineKind, Program
-from planner.resume.approach import Approach, Retract
+from planner.program import Channel, LineKind, Program
+from planner.resume.approach import Approach
 from planner.resume.reentry import Reentry
 from planner.resume.stretch import HASTE, Stretch
 
@@ -253,26 +255,9 @@ def _head(tape: Tape, setting: Setting) -> Head:
         counts, items["move"], by_time, items["time_s"], items["way"], items["named"], items["bulge"], draft.texts
     )
     lines = setting.dialect.write(words, script, cell.cnc.line_length_max)
-    return Head(lines, _table(items, times, setting), schedule_of(_ordered(tape.entries), rows))
+    table = line_table(items, times, setting.program.machine_from_build, setting.chain, setting.cell)
+    return Head(lines, table, schedule_of(_ordered(tape.entries), rows))
 
 
 def _ordered(entries: list[Entry]) -> list[Entry]:
     return sorted(entries, key=lambda entry: entry.item)
-
-
-def _table(items: NDArray[np.void], times: Floats, setting: Setting) -> NDArray[np.void]:
-    table = np.zeros(len(items), LINE_DTYPE)
-    for name in ("kind", "layer", "operation", "pass_", "arc_start_mm", "arc_end_mm", "bulge"):
-        table[name] = items[name]
-    table["n"] = np.arange(1, len(items) + 1)
-    table["time_end_s"] = np.cumsum(times)
-    table["time_start_s"] = table["time_end_s"] - times
-    table["joints_end"] = items["joints"]
-    build_from_table = np.linalg.inv(setting.program.machine_from_build)
-    for number in np.unique(items["tool"]):
-        mine = items["tool"] == number
-        tip = next((np.array(tool.tip_mm) for tool in setting.cell.tools if tool.number == number), np.zeros(3))
-        tips, axes = setting.chain.forward(items["joints"][mine], tip)
-        table["tip_end"][mine] = tips @ build_from_table[:3, :3].T + build_from_table[:3, 3]
-        table["axis_end"][mine] = axes @ build_from_table[:3, :3].T
-    return table
