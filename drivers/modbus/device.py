@@ -41,6 +41,7 @@ class DeviceClient(Wanted):
         self.latency = Latency(device, answer_line_s)
         self.watcher: Watcher | None = None
         self.is_beating = True  # cleared by whoever wants the device's dead-man to trip
+        self.on_beat: Callable[[], None] | None = None  # called before a heartbeat goes out, with `trips_in_s` as it is behind it
         self.on_level: Callable[[], None] | None = None  # called as soon as a level or a word of flags was read that differs from before
         self._levels = frozenset(name for name, register in device.registers.items() if not register.writable and register.is_level)
         self.last_error: DriverError | None = None
@@ -179,6 +180,8 @@ class DeviceClient(Wanted):
         at = self.clock.now()
         if HEARTBEAT in group:
             self._beat_at = at
+            if self.on_beat is not None:
+                self.on_beat()
         try:
             await self.link.write(self.device_id, register.table, register.address, [w for name in group for w in words[name]])
         except (DeviceFault, WrongAnswer) as error:
