@@ -34,6 +34,8 @@ REPORT_BYTES = 100  # of a long status report
 REPORT_SHARE = 0.5  # of a slow line that reports may take on the way back: the rest is for answers
 NEXT_ANSWER_S = 0.02  # a query waits at most this long for the next answer, so that its report does not keep one waiting
 TIGHT_S = 0.04  # a window that the line fills within this needs every answer at once
+LATE_READ_S = 0.003  # answers that nothing hangs on are left in the port so long: less often awake
+HEADROOM = 3  # writes of the most that may stand: so much has to be free at the controller meanwhile
 STEP_S = 0.002  # how often an awaited command looks at the line
 OVERRIDE_PERCENT = (10, 200)
 
@@ -64,6 +66,8 @@ class CncLine:
         self._lost = ""
         self._query_s = max(QUERY_PERIOD_MIN_S, facts.status_period_s, REPORT_BYTES * BITS_PER_BYTE / facts.baud / REPORT_SHARE)
         self._asked_at = -math.inf  # last status query
+        self._read_at = -math.inf  # the port was looked at last
+        self._tight_bytes = TIGHT_S * facts.baud / BITS_PER_BYTE
 
     @property
     def is_connected(self) -> bool:
@@ -110,42 +114,68 @@ class CncLine:
 
     def due_at(self) -> float:
         """The same as a time of the clock."""
+        return self.outlook()[0]
+
+    def outlook(self) -> tuple[float, bool]:
+        """(due_at, whether what comes may wait until then in the port: no report is under way, and room is left for more writes)."""
         if self._lost:
-            return self.clock.now() + self.facts.status_period_s
-        to_query = self._query_at()
-        return min(to_query, self._wire.due_at()) if self._sender.may_write or self._wire.is_urgent else to_query
+            return self.clock.now() + self.facts.status_period_s, False
+        sender, wire, protocol = self._sender, self._wire, self.protocol
+        free = sender.free()
+        may_write, is_urgent = sender.may_write(free), bool(wire.urgent)
+        at = self._query_at()
+        if not (may_write or is_urgent):
+            return at, False
+        has_headroom = may_write and not is_urgent and free >= HEADROOM * wire.pacer.ahead_bytes and not sender.has_command
+        return min(at, wire.due_at()), has_headroom and protocol.asked_at < protocol.report_came_at
+
+    def serve(self, due_at: float, *, reads: bool) -> None:
+        """`write` when the timer for `due_at` goes off. reads : what comes is not watched for: it is read here, now and then."""
+        now = self.clock.now()
+        self._wire.pacer.woke(now - due_at)
+        self._write(now)
+        if reads and now - self._read_at >= LATE_READ_S and not self._lost:
+            self._read()
 
     def step(self) -> None:
         """As pump, but the events stay for the next pump."""
         if self._lost:
             return
-        try:
-            data = self._port.read()
-            now = self.clock.now()
-            if data:
-                for event in self.protocol.receive(data, now):
-                    self._take(event, now)
-                self.query_status()
-            if (overdue := self._answers.look(now, self._program)) is not None:
-                self._tell(overdue)
-                if overdue.n:
-                    self._stop_stream(f"no answer to line {overdue.n}")
-        except LinkLost as error:
-            self._lose(error)
+        now = self._read()
+        if (overdue := self._answers.look(now, self._program)) is not None:
+            self._tell(overdue)
+            if overdue.n:
+                self._stop_stream(f"no answer to line {overdue.n}")
         if not self.is_timed or self.clock.now() >= self.due_at():
             self.write()
 
     def write(self, late_s: float | None = None) -> None:
         """Ask for status if it is time to, and write what fits. late_s: how late the timer was that brought this about."""
-        if self._lost:
-            return
         if late_s is not None:
             self._wire.pacer.woke(late_s)
+        self._write(self.clock.now())
+
+    def _read(self) -> float:
+        """Take what has come; the clock's time then, s."""
         now = self.clock.now()
+        try:
+            data = self._port.read()
+            self._read_at = now = self.clock.now()
+            if data:
+                for event in self.protocol.receive(data, now):
+                    self._take(event, now)
+                self.query_status()
+        except LinkLost as error:
+            self._lose(error)
+        return now
+
+    def _write(self, now: float) -> None:
+        if self._lost:
+            return
         try:
             if now >= self._query_at():
                 self.query_status()
-            elif self._wire.is_urgent:
+            elif self._wire.urgent:
                 self._wire.flush()
             self._sender.write(now)
         except LinkLost as error:
@@ -182,8 +212,9 @@ class CncLine:
 
     def _query_at(self) -> float:
         """When status is asked for if no answer comes before: a report on a busy line keeps the answers behind it waiting."""
-        is_tight = self._wire.pacer.is_busy and 0 < self.protocol.window_bytes * BITS_PER_BYTE < TIGHT_S * self.facts.baud
-        return self._asked_at + self._query_s + (NEXT_ANSWER_S if is_tight and self.protocol.unanswered else 0.0)
+        at = self._asked_at + self._query_s
+        is_tight = 0 < self.protocol.window_bytes < self._tight_bytes and self._wire.pacer.is_busy
+        return at + NEXT_ANSWER_S if is_tight and self.protocol.unanswered else at
 
     def query_status(self) -> bool:
         """`?`, at most ten times a second; whether it was sent. Raises LinkLost."""

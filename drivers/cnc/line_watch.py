@@ -43,7 +43,7 @@ class LineWatch:
     def rearm(self) -> None:
         """Set the timer to when the line has something to write; nothing happens on a closed watch."""
         if self._served is not None:
-            self._served.due_at = self._line.due_at()
+            self._served.due_at, self._served.is_patient = self._line.outlook()
         elif self._timer is not None:
             due_at = self._line.due_at()
             if abs(due_at - self._due_at) > SAME_S:
@@ -80,10 +80,10 @@ class LineWatch:
     # -- between the rounds of a LineLoop: whether it has something to do now --------------------------------------------
 
     def _write(self) -> bool:
-        served, line = self._served, self._line
+        served = self._served
         if served is None:
             return False
-        line.write(line.clock.now() - served.due_at)
+        self._line.serve(served.due_at, reads=served.is_patient)
         return self._is_told(served)
 
     def _read(self) -> bool:
@@ -94,7 +94,7 @@ class LineWatch:
 
     def _is_told(self, served: Served) -> bool:
         line = self._line
-        served.due_at = line.due_at()
+        served.due_at, served.is_patient = line.outlook()
         if not line.is_connected:
             served.port = None
         elif not line.has_news:

@@ -50,7 +50,9 @@ class Pacer:
 
     def room(self, now: float) -> int:
         """Bytes that may be written now."""
-        self._advance(now)
+        standing = self._standing - (now - self._at) * self.bytes_per_s
+        self._standing = standing if standing > 0.0 else 0.0
+        self._at = now
         return int(self.ahead_bytes - self._standing)
 
     def stands(self, count: int) -> None:
@@ -72,16 +74,14 @@ class Pacer:
 
     def due_at(self) -> float:
         """When it is worth writing again: the reserve stands by then, or half of what may stand."""
-        low = min(self.bytes_per_s * self.reserve_s, 0.5 * self.ahead_bytes)
-        return self._at + (self._standing - low) / self.bytes_per_s
+        low, half = self.bytes_per_s * self.reserve_s, 0.5 * self.ahead_bytes
+        return self._at + (self._standing - (low if low < half else half)) / self.bytes_per_s
 
     def woke(self, late_s: float) -> None:
         """A timer was late by late_s: the reserve is learnt from it, as large as this machine's timers need and no larger."""
         low, high = RESERVE_S
-        if late_s > self.reserve_s:
-            self.reserve_s = min(high, self.reserve_s + RESERVE_UP_S)
-        else:
-            self.reserve_s = max(low, self.reserve_s - RESERVE_DOWN_S)
+        reserve_s = self.reserve_s + (RESERVE_UP_S if late_s > self.reserve_s else -RESERVE_DOWN_S)
+        self.reserve_s = low if reserve_s < low else high if reserve_s > high else reserve_s
 
     def asked(self, now: float) -> None:
         """A status query goes now, behind what stands."""

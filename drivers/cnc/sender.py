@@ -31,9 +31,13 @@ class Sender:
         return not (self._commands or self._ends)
 
     @property
-    def may_write(self) -> bool:
-        """Whether something waits for the wire alone: neither for an answer nor for a release."""
-        if self._free() <= 0:
+    def has_command(self) -> bool:
+        """Whether a command waits."""
+        return bool(self._commands)
+
+    def may_write(self, free: int) -> bool:
+        """Whether something waits for the wire alone: neither for an answer nor for a release. free: as of `free`"""
+        if free <= 0:
             return False
         if self._rest:
             return True
@@ -66,7 +70,7 @@ class Sender:
 
     def write(self, now: float) -> None:
         """Write as much as there is room for, here and at the controller. now: the clock's time, s. Raises LinkLost."""
-        free = self._free()
+        free = self.free()
         if free <= 0 or not (self._rest or self._commands or self.program is not None):
             return
         room = min(self._wire.room(now), free)
@@ -75,10 +79,11 @@ class Sender:
         while len(self._rest) < room and self._begin():
             pass
         if self._rest:
-            self._rest = self._rest[self._wire.write(self._rest[:room]) :]
-            self._finish()
+            self._rest = rest = self._rest[self._wire.write(self._rest[:room]) :]
+            if self._ends and self._ends[0][0] <= self._begun - len(rest):
+                self._finish()
 
-    def _free(self) -> int:
+    def free(self) -> int:
         """Bytes that the controller takes beyond those written."""
         return self._protocol.window_bytes - self._protocol.unanswered_bytes + len(self._rest)
 

@@ -15,16 +15,16 @@ class Wire:
         self.pacer = Pacer(baud)
         self._port = port
         self._clock = clock
-        self._urgent = b""
+        self.urgent = b""  # real-time bytes that wait because the operating system refused them
 
     def urge(self, byte: bytes) -> None:
         """Write a real-time byte ahead of everything that is not written yet. Raises LinkLost."""
-        self._urgent += byte
+        self.urgent += byte
         self.flush()
 
     def room(self, now: float) -> int:
         """Bytes that may be written now (the clock's time, s). Raises LinkLost."""
-        if self._urgent and not self.flush():
+        if self.urgent and not self.flush():
             return 0
         room = self.pacer.room(now)
         if room > 0 and (queued := self._port.queued()) > 0:
@@ -43,22 +43,17 @@ class Wire:
 
     def drop(self) -> None:
         """Discard everything that is not on the wire yet. Raises LinkLost."""
-        self._urgent = b""
+        self.urgent = b""
         self.pacer.dropped()
         self._port.discard_output()
 
     def due_at(self) -> float:
         """When it is worth writing again (s, the clock's time)."""
-        return self._clock.now() + RETRY_S if self._urgent else self.pacer.due_at()
-
-    @property
-    def is_urgent(self) -> bool:
-        """Whether real-time bytes wait that the operating system refused."""
-        return bool(self._urgent)
+        return self._clock.now() + RETRY_S if self.urgent else self.pacer.due_at()
 
     def flush(self) -> bool:
         """Write the real-time bytes that wait; whether none waits any more. Raises LinkLost."""
-        count = self._port.write(self._urgent)
+        count = self._port.write(self.urgent)
         self.pacer.wrote(count)
-        self._urgent = self._urgent[count:]
-        return not self._urgent
+        self.urgent = self.urgent[count:]
+        return not self.urgent

@@ -16,6 +16,7 @@ class Served:
     """What a LineSelector serves. write, read : True if they have left something to do to the event loop.
 
     port : descriptor at which `read` is called when bytes come, None for none    due_at : when `write` is called (s, CLOCK_MONOTONIC)
+    is_patient : bytes that come may wait until then, which `write` then reads: a wake less
     """
 
     port: int | None
@@ -23,6 +24,7 @@ class Served:
     write: Callable[[], bool]
     failed: Callable[[Exception], None]
     due_at: float = math.inf
+    is_patient: bool = False
 
 
 class LineSelector(selectors.EpollSelector):
@@ -44,37 +46,33 @@ class LineSelector(selectors.EpollSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """What is ready within timeout seconds (None: no limit; 0 or less: now), the line's own excepted."""
+        if self._served is None:
+            return super().select(timeout)
         now = time.monotonic()
         end = math.inf if timeout is None else now + timeout
-        while (served := self._served) is not None:
-            if served.due_at <= now and self._is_handed_on(served, served.write):
-                break
-            until = min(served.due_at, end)
-            ready = self._wait(served, max(until - now, 0.0) if until < math.inf else None)
-            if served.port in ready and self._is_handed_on(served, served.read):
-                break
-            now = time.monotonic()
-            if self._own in ready or now >= end:
-                break
-        else:
-            return super().select(timeout)
-        return super().select(0)
-
-    def _wait(self, served: Served, timeout: float | None) -> list[int]:
-        watched = (self._own,) if served.port is None else (self._own, served.port)
         try:
-            return select.select(watched, (), (), timeout)[0]
-        except (OSError, ValueError):  # the port was closed
-            served.port = None
-            return []
-
-    def _is_handed_on(self, served: Served, act: Callable[[], bool]) -> bool:
-        try:
-            return act()
+            while (served := self._served) is not None:
+                if served.due_at <= now and served.write():
+                    break
+                until = served.due_at if served.due_at < end else end
+                watched = (self._own,) if served.is_patient or served.port is None else (self._own, served.port)
+                try:
+                    ready = select.select(watched, (), (), (until - now if until > now else 0.0) if until < math.inf else None)[0]
+                except (OSError, ValueError):
+                    if served.port is None:
+                        break
+                    served.port = None  # it was closed
+                    continue
+                if served.port in ready and served.read():
+                    break
+                now = time.monotonic()
+                if self._own in ready or now >= end:
+                    break
         except Exception as error:  # noqa: BLE001  the edge of what the event loop calls: told as it tells of its own callbacks
-            self._served = None
-            served.failed(error)
-            return True
+            failed, self._served = self._served, None
+            if failed is not None:
+                failed.failed(error)
+        return super().select(0)
 
 
 class LineLoop(asyncio.SelectorEventLoop):

@@ -147,9 +147,9 @@ class ReactionCell:
         if state in ("FAULT", "STOPPED"):
             await self.command("reset")
             await self.until(lambda: self.snapshot.state in ("IDLE", "HELD", "UNHOMED"))
-        if self.snapshot.state == "UNHOMED":
+        if self.snapshot.state == "UNHOMED" or (self.snapshot.state == "IDLE" and self.snapshot.position):
             await self.command("home")
-            await self.until(lambda: self.snapshot.state == "IDLE")
+            await self.until(lambda: self.snapshot.state == "IDLE" and not self.snapshot.position)
         if self.snapshot.state == "HELD":
             await self.command("resume")
         elif self.snapshot.state == "IDLE":

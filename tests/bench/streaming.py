@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import math
 import multiprocessing
 import os
 import pty
@@ -26,7 +25,7 @@ from drivers.transport.serial_port import SerialPort
 from tests.bench.cnc_far_end import Answers, Counts, FarEnd
 
 LETTERS = ("X", "Y", "Z", "A", "C")
-IDLE_S = 0.0005  # how often the far end looks at its own clock when no bytes come
+LEAST_WAIT_S, MOST_WAIT_S = 0.0001, 0.02  # of the far end: its clock against the load of looking at it
 HOLD_EVERY_S = 0.05
 USB_BAUD = 4_000_000  # beyond what any CDC device takes: the window alone limits
 
@@ -111,12 +110,12 @@ def serve(case: Case, master: int, pipe: Connection, is_urgent: bool) -> None:
     if is_urgent:
         be_urgent()
     far = case.far_end()
-    poller = select.poll()
-    poller.register(master, select.POLLIN)
-    poller.register(pipe.fileno(), select.POLLIN)
+    watched = (master, pipe.fileno())
     os.set_blocking(master, False)
     while True:
-        ready = dict(poller.poll(1000.0 * IDLE_S if min(far.next_at(0.0), far.answer_at()) < math.inf else 20.0))
+        now = time.monotonic()
+        wait_s = min(max(min(far.next_at(now), far.answer_at()) - now, LEAST_WAIT_S), MOST_WAIT_S)
+        ready = select.select(watched, (), (), wait_s)[0]  # to the microsecond, where poll counts whole milliseconds
         now = time.monotonic()
         if master in ready:
             far.arrive(os.read(master, 65536), now)
@@ -203,6 +202,15 @@ async def _drive(case: Case, path: str, pipe: Connection) -> tuple[float, float,
 
 def with_bare_loop(case: Case, path: str, pipe: Connection) -> tuple[float, float, list[float]]:
     """The peer: a plain loop that counts characters, parses nothing and paces its writes by the same 2 ms."""
+    return _loop(case, path, pipe, max(8, int(0.0019 / case.byte_s)) if case.byte_s else 1024)
+
+
+def with_unpaced_loop(case: Case, path: str, pipe: Connection) -> tuple[float, float, list[float]]:
+    """The same without pacing: the window is all that it keeps."""
+    return _loop(case, path, pipe, 1 << 20)
+
+
+def _loop(case: Case, path: str, pipe: Connection, ahead: int) -> tuple[float, float, list[float]]:
     fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     lines = FiveAxisLines(case.lines)
     window = case.rx - 1 - case.facts().rx_margin_bytes
@@ -210,11 +218,11 @@ def with_bare_loop(case: Case, path: str, pipe: Connection) -> tuple[float, floa
     time.sleep(0.05)
     sizes: list[int] = []
     rest, sent, answered, unanswered, standing_until = b"", 0, 0, 0, 0.0
-    ahead = max(8, int(0.0019 / case.byte_s)) if case.byte_s else 1024
+    byte_s = case.byte_s if ahead < case.rx else 0.0
     began, cpu = time.monotonic(), time.process_time()
     while answered < case.lines:
         now = time.monotonic()
-        standing = max(0.0, standing_until - now) / case.byte_s if case.byte_s else 0.0
+        standing = max(0.0, standing_until - now) / byte_s if byte_s else 0.0
         room = min(ahead - int(standing), window - unanswered)
         while len(rest) < room and sent < case.lines:
             line = lines[sent].encode() + b"\n"
@@ -223,8 +231,9 @@ def with_bare_loop(case: Case, path: str, pipe: Connection) -> tuple[float, floa
         if room > 0 and rest:
             count = os.write(fd, rest[:room])
             rest, unanswered = rest[count:], unanswered + count
-            standing_until = max(now, standing_until) + count * case.byte_s
-        wait_s = max(0.0, standing_until - now - 0.0004) if unanswered < window and (rest or sent < case.lines) else 0.02
+            standing_until = max(now, standing_until) + count * byte_s
+        waits = byte_s and unanswered < window and (rest or sent < case.lines)
+        wait_s = max(0.0, standing_until - now - 0.0004) if waits else 0.02
         if select.select([fd], [], [], wait_s)[0]:
             for _ in range(os.read(fd, 65536).count(b"ok")):
                 unanswered -= sizes[answered]
