@@ -269,10 +269,3 @@ class Follower:
         if not self._is_running or not len(self.timeline):
             return self._place
         return self._profile.advance(self._place, self._ramp.passed_s(seconds) if self._ramp is not None else seconds)
-
-    def power_factor(self, override: float) -> float:
-        """Share of the set power that keeps energy per length when the feed override is below 100 %: never above 1, never below 0.3.
-
-        Corners are slower than a report can tell; they are the firmware's (M4) or the Program's to handle.
-        """
-        return min(max(override, 0.3), 1.0)

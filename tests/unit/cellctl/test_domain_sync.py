@@ -110,11 +110,6 @@ def test_expected_motion_ends_by_itself_and_at_once_on_standstill() -> None:
     assert not judge.is_moving(11.0)
 
 
-@pytest.mark.parametrize(("override", "factor"), [(1.0, 1.0), (0.5, 0.5), (0.1, 0.3), (2.0, 1.0)])
-def test_power_follows_a_reduced_override_between_its_bounds(override: float, factor: float) -> None:
-    assert Follower(straight(), 0.1).power_factor(override) == factor
-
-
 @pytest.mark.parametrize("name", ["trunnion_tcp", "head_head"])
 def test_joints_reported_anywhere_on_an_arc_give_its_length_and_the_tip_there(name: str) -> None:
     cell = load_cell(name)
