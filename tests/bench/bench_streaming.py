@@ -11,7 +11,16 @@ import sys
 import numpy as np
 
 from tests.bench.cnc_far_end import Answers, FarEnd
-from tests.bench.streaming import Case, Outcome, five_axis_line, over_a_wire, with_bare_loop, with_driver
+from tests.bench.streaming import (
+    Case,
+    Outcome,
+    five_axis_line,
+    over_a_wire,
+    with_bare_loop,
+    with_driver,
+    with_lone_bytes,
+    with_unpaced_loop,
+)
 from tests.bench.streaming_in_memory import allowed, in_memory
 from tests.bench.table import Cell, Table
 
@@ -50,11 +59,14 @@ def by_wire() -> Table:
     """At 115200 baud over a pseudo-terminal, far end in another process; the plain loop first."""
     cases = [Case(rx, answers, LINES) for rx in BUFFERS for answers in ANSWERS if rx > 128 or answers.bunch_s < 0.01]
     plain = Case(1024, ANSWERS[0], LINES)
-    rows = [row("plain loop", plain, over_a_wire(plain, with_bare_loop))]
+    rows = [row("plain loop", plain, over_a_wire(plain, with_bare_loop)), row("unpaced loop", plain, over_a_wire(plain, with_unpaced_loop))]
+    alone = over_a_wire(plain, with_lone_bytes).late_ms()
     rows += [row("driver", case, over_a_wire(case, with_driver)) for case in cases]
     note = (
         "53-byte five-axis lines at 115200 baud; the far end has the line's own clock, the buffer, 15 blocks and the answers' way back. "
-        "Hold: from the call to the byte having left the line, at full load. Plain loop: counts characters, parses nothing, same pacing. "
+        "Hold: from the call to the byte having left the line, at full load. Plain loop: counts characters, parses nothing, same pacing; "
+        "unpaced: as fast as the buffer allows, so that a hold would stand behind it. "
+        f"A lone byte on the idle pseudo-terminal: p50 {np.percentile(alone, 50):.2f}, p99 {np.percentile(alone, 99):.2f} ms. "
         f"Load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores."
     )
     return Table("Streaming at 115200 baud by wire", COLUMNS, rows, note)

@@ -27,6 +27,7 @@ from tests.bench.cnc_far_end import Answers, Counts, FarEnd
 LETTERS = ("X", "Y", "Z", "A", "C")
 LEAST_WAIT_S, MOST_WAIT_S = 0.0001, 0.02  # of the far end: its clock against the load of looking at it
 HOLD_EVERY_S = 0.05
+LINES_PER_S = 217  # at 115200 baud
 USB_BAUD = 4_000_000  # beyond what any CDC device takes: the window alone limits
 
 
@@ -203,6 +204,22 @@ async def _drive(case: Case, path: str, pipe: Connection) -> tuple[float, float,
 def with_bare_loop(case: Case, path: str, pipe: Connection) -> tuple[float, float, list[float]]:
     """The peer: a plain loop that counts characters, parses nothing and paces its writes by the same 2 ms."""
     return _loop(case, path, pipe, max(8, int(0.0019 / case.byte_s)) if case.byte_s else 1024)
+
+
+def with_lone_bytes(case: Case, path: str, pipe: Connection) -> tuple[float, float, list[float]]:
+    """What the pseudo-terminal itself takes: real-time bytes alone, on an idle line, as often as holds are asked for."""
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    pipe.send("zero")
+    time.sleep(0.05)
+    asked: list[float] = []
+    began, cpu = time.monotonic(), time.process_time()
+    for _ in range(round(case.lines / (LINES_PER_S * HOLD_EVERY_S))):
+        asked.append(time.monotonic())
+        os.write(fd, b"!")
+        time.sleep(HOLD_EVERY_S)
+    seconds, cpu_s = time.monotonic() - began, time.process_time() - cpu
+    os.close(fd)
+    return seconds, cpu_s, asked
 
 
 def with_unpaced_loop(case: Case, path: str, pipe: Connection) -> tuple[float, float, list[float]]:
