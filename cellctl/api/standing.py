@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 from sqlalchemy import Connection
 
 from cellctl.api.problems import ApiError
+from cellctl.cell.opened_program import arrays_of_form
 from cellctl.cell.program_form import form_beside
 from cellctl.domain.jobs import ENDED, JobState
 from cellctl.domain.resumption import KNOWN_BY, MetalEnd, metal_end_of
@@ -69,7 +70,7 @@ class ResumptionPoint(BaseModel):
 
 @dataclass(frozen=True)
 class Form:
-    """The tables of a program as mapped files; rows are read where they are asked for."""
+    """Tables of a program, mapped; rows are read where they are asked for."""
 
     table: NDArray[np.void]
     arc_mm: NDArray[np.float64]
@@ -80,9 +81,8 @@ class Form:
         """Raises ApiError if it is not there."""
         folder = form_beside(program)
         try:
-            names = ("table.npy", "timeline_arc_mm.npy", "timeline_is_emitting.npy")
-            table, arc, lit = (np.load(folder / name, mmap_mode="r") for name in names)
-        except (OSError, ValueError):
+            table, arc, lit = arrays_of_form(folder, ("table", "timeline_arc_mm", "timeline_is_emitting"))
+        except (OSError, ValueError, LookupError):
             raise ApiError(409, "Not there", "the program of this job is not in the store any more", "submit the part again") from None
         return cls(table, arc, lit)
 

@@ -205,6 +205,7 @@ class Controller:
         places = self.journal.box.moment.document
         self.event("job", text, {"outcome": outcome, "last_line": executed, "total_lines": run.total, **places})
         self.ended = Ended(self.job_view(outcome), self.lines())
+        run.transaction = None  # its steps hold the run, and with it the program's file
         self.run = None
         self.quiesce.outcome = ""
 

@@ -1,10 +1,9 @@
-"""A Program whose form is mapped into memory: a start of a moment and constant memory, however many lines it has."""
+"""A Program whose form is mapped into memory: a start of a moment, constant memory and one descriptor, however many lines it has."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import mmap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.cell import program_form as written
+from cellctl.cell.arrays_file import MappedFile, block_sums
 from cellctl.cell.first_cuts import spindle_speeds
-from cellctl.cell.program_form import file_crc, program_timeline
+from cellctl.cell.program_form import program_timeline
 from cellctl.cell.program_text import mounted_tools
 from cellctl.domain.timeline import MotionLimits, Timeline
 from config.cell import Cell
@@ -26,10 +26,9 @@ from planner.program import Continues, Program
 class MappedLines(Sequence[str]):
     """The lines of a text that is mapped: each is made when it is asked for."""
 
-    def __init__(self, text: Path, starts: NDArray[np.int64]) -> None:
+    def __init__(self, mapped: MappedFile, starts: NDArray[np.int64]) -> None:
         self._starts = starts
-        with text.open("rb") as file:
-            self._text: mmap.mmap | bytes = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if len(self) else b""
+        self._text = mapped.bytes
 
     def __len__(self) -> int:
         return len(self._starts) - 1
@@ -72,15 +71,21 @@ def open_form(form: Path, program_sha256: str) -> OpenedProgram | None:
         document = json.loads((form / written.INDEX).read_text(encoding="utf-8"))
         if document["form"] != written.FORM or document["program_sha256"] != program_sha256:
             return None
-        for name, (size, crc) in document["sums"].items():
-            path = form / name
-            if path.stat().st_size != size or file_crc(path) != crc:
-                raise FileFormatError(f"{path}: damaged (its checksum is not the one in {written.INDEX})", "post the plan again")
-        return _opened(form, document)
+        body = form / written.BODY
+        if body.stat().st_size != document["size"] or block_sums(body) != document["sums"]:
+            raise FileFormatError(f"{body}: damaged (its checksums are not those in {written.INDEX})", "post the plan again")
+        return _opened(body, document)
     except FileNotFoundError:
         return None
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise FileFormatError(f"{form}: cannot be read: {error}", "post the plan again") from None
+
+
+def arrays_of_form(form: Path, names: Sequence[str]) -> list[NDArray[Any]]:
+    """Some arrays of a form, by their names there, not verified. Raises OSError, ValueError, LookupError for what is none of this version."""
+    places = json.loads((form / written.INDEX).read_text(encoding="utf-8"))["places"]
+    mapped = MappedFile(form / written.BODY)
+    return [mapped.array(places[name]) for name in names]
 
 
 def timeline_of(program: Program, cell: Cell) -> Timeline:
@@ -100,11 +105,8 @@ def speeds_of(program: Program) -> list[tuple[int, float]]:
     return list(program.speeds) if isinstance(program, OpenedProgram) else spindle_speeds(program)
 
 
-def _mapped(path: Path) -> NDArray[Any]:
-    return np.asarray(np.load(path, mmap_mode="r"))
-
-
-def _opened(form: Path, document: dict[str, Any]) -> OpenedProgram:
+def _opened(body: Path, document: dict[str, Any]) -> OpenedProgram:
+    mapped, places = MappedFile(body), document["places"]
     values = document["program"]
     for name in written.MATRICES:
         values[name] = np.array(values[name], dtype=np.float64)
@@ -113,18 +115,18 @@ def _opened(form: Path, document: dict[str, Any]) -> OpenedProgram:
     if values.get("continues"):
         values["continues"] = Continues(**values["continues"])
     columns: dict[str, Any] = {
-        field.name: _mapped(path)
+        field.name: mapped.array(places[written.TIMELINE + field.name])
         for field in dataclasses.fields(Timeline)
-        if (path := form / f"{written.TIMELINE}{field.name}.npy").exists()
+        if written.TIMELINE + field.name in places
     }
     first, second = document["timeline"]["plane"]
-    tables: dict[str, Any] = {name: _mapped(form / f"{name}.npy") for name in written.TABLES}
-    lines = MappedLines(form / written.TEXT, _mapped(form / written.STARTS))
+    tables: dict[str, Any] = {name: mapped.array(places[name]) for name in written.TABLES}
+    lines = MappedLines(mapped, mapped.array(places[written.STARTS]))
     opened = OpenedProgram(
         lines=cast("tuple[str, ...]", lines),
         **tables,
         **values,
         timeline=Timeline(**columns, plane=(first, second)),
-        mounted=tuple((int(line), int(tool)) for line, tool in _mapped(form / written.TOOLS)),
+        mounted=tuple((int(line), int(tool)) for line, tool in mapped.array(places[written.TOOLS])),
     )
     return dataclasses.replace(opened, speeds=tuple(spindle_speeds(opened)))  # reads every row: here, and not in the event loop

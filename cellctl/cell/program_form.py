@@ -1,4 +1,4 @@
-"""A Program as it is run: its text in one file with the offset of each line, its tables as arrays that are mapped, nothing left to compute.
+"""A Program as it is run: its text with the offset of each line, and its tables as arrays, in one file that is mapped; nothing left to compute.
 
 Written where time does not matter (by the planning worker, or by a process of its own before a start), beside the Program's directory.
 """
@@ -14,24 +14,24 @@ import os
 import shutil
 import sys
 import tempfile
-import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.cell.arc_ways import bows, plane_of
+from cellctl.cell.arrays_file import append_array, block_sums
 from cellctl.cell.program_text import gate_of_lines, mounted_tools
 from cellctl.domain.timeline import Timeline
 from config.cell import Cell
 from planner.program import Program
 
-FORM = 1
+FORM = 2
 INDEX = "form.json"
-TEXT = "program.txt"
-STARTS = "starts.npy"
-TOOLS = "tools.npy"
+BODY = "form.bin"
+STARTS = "starts"
+TOOLS = "tools"
 TABLES = ("table", "schedule", "layer_starts")
 MATRICES = ("machine_from_build", "build_from_part", "work_offset")
 TIMELINE = "timeline_"
@@ -51,17 +51,12 @@ def write_form(program: Program, cell: Cell, target: Path, program_sha256: str) 
     target.parent.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
-        _write_text(program.lines, folder)
-        for name in TABLES:
-            np.save(folder / f"{name}.npy", np.ascontiguousarray(getattr(program, name)))
         timeline = program_timeline(program, cell)
-        for field in dataclasses.fields(timeline):
-            column = getattr(timeline, field.name)
-            if isinstance(column, np.ndarray):
-                np.save(folder / f"{TIMELINE}{field.name}.npy", np.ascontiguousarray(column))
-        np.save(folder / TOOLS, np.array(mounted_tools(program), dtype=np.int64).reshape(-1, 2))
-        sums = {path.name: [path.stat().st_size, file_crc(path)] for path in sorted(folder.iterdir())}
-        document = {"form": FORM, "program_sha256": program_sha256, "sums": sums, "program": _scalars(program)}
+        with (folder / BODY).open("wb") as file:
+            places = _write_body(program, timeline, file)
+        sums = block_sums(folder / BODY)
+        document = {"form": FORM, "program_sha256": program_sha256, "size": (folder / BODY).stat().st_size, "sums": sums}
+        document |= {"places": places, "program": _scalars(program)}
         document["timeline"] = {"plane": list(timeline.plane)}
         (folder / INDEX).write_text(json.dumps(document, indent=1), encoding="utf-8")
         if target.exists():
@@ -80,26 +75,29 @@ def program_timeline(program: Program, cell: Cell) -> Timeline:
     )
 
 
-def file_crc(path: Path) -> int:
-    """CRC-32 of a file's content, read piece by piece: the event loop of another thread goes on meanwhile."""
-    total, piece = 0, bytearray(1 << 20)
-    view = memoryview(piece)
-    with path.open("rb", buffering=0) as file:
-        while count := file.readinto(piece):
-            total = zlib.crc32(view[:count], total)
-    return total
+def _write_body(program: Program, timeline: Timeline, file: BinaryIO) -> dict[str, int]:
+    """The text first, then the arrays; where each of these begins (bytes)."""
+    places = {STARTS: append_array(file, _write_text(program.lines, file))}
+    for name in TABLES:
+        places[name] = append_array(file, getattr(program, name))
+    for field in dataclasses.fields(timeline):
+        column = getattr(timeline, field.name)
+        if isinstance(column, np.ndarray):
+            places[TIMELINE + field.name] = append_array(file, column)
+    places[TOOLS] = append_array(file, np.array(mounted_tools(program), dtype=np.int64).reshape(-1, 2))
+    return places
 
 
-def _write_text(lines: Any, folder: Path) -> None:
+def _write_text(lines: Any, file: BinaryIO) -> NDArray[np.int64]:
+    """(n + 1,) where each line begins, and the end of the last."""
     starts: NDArray[np.int64] = np.zeros(len(lines) + 1, dtype=np.int64)
     place = 0
-    with (folder / TEXT).open("wb") as file:
-        for first in range(0, len(lines), BATCH_LINES):
-            batch = lines[first : first + BATCH_LINES]
-            lengths = np.fromiter((len(line) + 1 for line in batch), dtype=np.int64, count=len(batch))
-            starts[first + 1 : first + len(batch) + 1] = place + np.cumsum(lengths)
-            place += file.write("".join(itertools.chain.from_iterable((line, "\n") for line in batch)).encode("ascii"))
-    np.save(folder / STARTS, starts)
+    for first in range(0, len(lines), BATCH_LINES):
+        batch = lines[first : first + BATCH_LINES]
+        lengths = np.fromiter((len(line) + 1 for line in batch), dtype=np.int64, count=len(batch))
+        starts[first + 1 : first + len(batch) + 1] = place + np.cumsum(lengths)
+        place += file.write("".join(itertools.chain.from_iterable((line, "\n") for line in batch)).encode("ascii"))
+    return starts
 
 
 def _scalars(program: Program) -> dict[str, Any]:

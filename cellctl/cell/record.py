@@ -58,7 +58,7 @@ class _Pending:
 
     statements: list[tuple[str, Row]] = field(default_factory=list)
     events: list[tuple[int, Event]] = field(default_factory=list)  # position in statements
-    waiting: list[Callable[[Exception | None], None]] = field(default_factory=list)
+    waiting: list[Callable[[StoreError | None], None]] = field(default_factory=list)
 
     def prepend(self, earlier: _Pending) -> None:
         """Put rows that were taken out back in front."""
@@ -155,22 +155,21 @@ class Journal:
         with self._lock:
             refusal = next((why for row, why in self._refusals if any(row is one for one in mine)), None)
             self._refusals = [one for one in self._refusals if not any(one[0] is row for row in mine)]
-        if refusal is not None:
-            raise refusal
+        _raise_anew(refusal)
 
     async def _committed(self) -> None:
         loop = asyncio.get_running_loop()
-        done: asyncio.Future[None] = loop.create_future()
+        done: asyncio.Future[StoreError | None] = loop.create_future()
 
-        def settle(error: Exception | None) -> None:
+        def settle(error: StoreError | None) -> None:
             if not done.done():
-                done.set_exception(error) if error else done.set_result(None)
+                done.set_result(error)
 
         with self._lock:
             self._pending.waiting.append(lambda error: _threadsafe(loop, settle, error))
         self._urgent.set()
         self._wake.set()
-        await done
+        _raise_anew(await done)
 
     def commit(self) -> None:
         """Write what is queued in one transaction. Raises StoreError; what was queued stays queued then."""
@@ -183,7 +182,7 @@ class Journal:
             except _RowRefusedError as error:
                 self._set_aside(batch, error)
             except sqlite3.Error as error:
-                self._put_back(batch, error)
+                raise self._put_back(batch, error) from None
         else:
             _answer(batch, None)
             return
@@ -193,8 +192,8 @@ class Journal:
         if events:
             self.on_committed(events)
 
-    def _put_back(self, batch: _Pending, error: sqlite3.Error) -> None:
-        """The store refuses: nothing is lost, whoever waits is told. Raises StoreError."""
+    def _put_back(self, batch: _Pending, error: sqlite3.Error) -> StoreError:
+        """The store refuses: nothing is lost, whoever waits is told."""
         trouble = of_database(error)
         refusal = StoreError(
             f"{self.path}: the journal cannot be written: {error}",
@@ -204,7 +203,7 @@ class Journal:
         with self._lock:
             self._pending.prepend(batch)
         _answer(batch, refusal)
-        raise refusal from None
+        return refusal
 
     def _set_aside(self, batch: _Pending, error: _RowRefusedError) -> None:
         """Keep a row that the store will never take; an event says so, and who waits for it to be durable."""
@@ -298,13 +297,19 @@ def _file_of(path: Path) -> tuple[int, int]:
     return found.st_dev, found.st_ino
 
 
-def _answer(batch: _Pending, error: Exception | None) -> None:
+def _answer(batch: _Pending, error: StoreError | None) -> None:
     for settle in batch.waiting:
         settle(error)
 
 
+def _raise_anew(error: StoreError | None) -> None:
+    """Raise what was found, as an error that nothing keeps: its traceback holds what is under way, a program's file among it."""
+    if error is not None:
+        raise StoreError(error.message, error.hint)
+
+
 def _threadsafe(
-    loop: asyncio.AbstractEventLoop, settle: Callable[[Exception | None], None], error: Exception | None
+    loop: asyncio.AbstractEventLoop, settle: Callable[[StoreError | None], None], error: StoreError | None
 ) -> None:
     if not loop.is_closed():
         loop.call_soon_threadsafe(settle, error)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cellctl.cell.opened_program import open_form, timeline_of, tools_of
-from cellctl.cell.program_form import TEXT, write_form
+from cellctl.cell.program_form import BODY, write_form
 from config.cell import load_cell
 from planner.errors import FileFormatError
 from planner.program import Program
@@ -37,8 +37,8 @@ def test_the_form_gives_back_lines_tables_timeline_and_tools(tmp_path: Path) -> 
 def test_a_damaged_form_is_told_in_one_line(tmp_path: Path) -> None:
     cell = load_cell("trunnion_tcp")
     write_form(one_wall(cell), cell, tmp_path / "form", DIGEST)
-    content = bytearray((tmp_path / "form" / TEXT).read_bytes())
+    content = bytearray((tmp_path / "form" / BODY).read_bytes())
     content[40] ^= 1
-    (tmp_path / "form" / TEXT).write_bytes(content)
+    (tmp_path / "form" / BODY).write_bytes(content)
     with pytest.raises(FileFormatError, match="damaged"):
         open_form(tmp_path / "form", DIGEST)
