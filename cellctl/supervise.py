@@ -34,6 +34,7 @@ POLL_S = 0.2
 TOKEN_FILE = "operator.token"
 ADDRESS_FILE = "service.json"
 TAKE_OVER_S = 10.0  # a service that was killed has left a web process that ends within that time
+START_NICE = -15  # of the cell process until it has its own scheduler: a machine without its controller waits for nobody
 BAD_INPUT = 2  # exit code of a process that cannot work with what it was given
 
 
@@ -77,12 +78,13 @@ class Address:
 
 @dataclass
 class Keeper:
-    """Keeps one process alive. say : told a line when it starts again"""
+    """Keeps one process alive. say : told a line when it starts again    nice : its priority, where that is permitted"""
 
     name: str
     command: list[str]
     log: Path
     say: Callable[[str], None]
+    nice: int = 0
     process: asyncio.subprocess.Process | None = None
     ending: bool = False
     failure: str = ""
@@ -100,6 +102,9 @@ class Keeper:
                 self.process = await asyncio.create_subprocess_exec(
                     *self.command, stdin=asyncio.subprocess.DEVNULL, stdout=log, stderr=log
                 )
+            if self.nice:
+                with suppress(OSError):
+                    os.setpriority(os.PRIO_PROCESS, self.process.pid, self.nice)
             code = await self.process.wait()
             lived = time.monotonic() - started
             if self.ending:
@@ -272,6 +277,7 @@ class Supervisor:
                 [*cell, "--stop-host", address.host, "--stop-port", str(address.stop_port)],
                 options.run / "cell.log",
                 self._say,
+                START_NICE,
             ),
             Keeper("web", [*web, "--stop-port", str(address.stop_port)], options.run / "web.log", self._say),
         )
