@@ -60,6 +60,7 @@ DEFAULTS: dict[str, Reaction] = {
     "powder_flow": _HOLD,
     "gas_flow": _HOLD,
     "io_silent": _HOLD,
+    "io_fault": _RESET,
     "io_lost": _RESET,
     "power": _RESET,
     "cnc_lost": _RESET,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from cellctl.cell.cnc_checks import SPINDLE_TIMEOUT_S
 from cellctl.cell.modes import SAFE
 from cellctl.cell.reacting import shut_powder_in_time, to_nozzle
 from cellctl.cell.transaction import Step, Transaction
@@ -137,6 +138,8 @@ def _resuming(cell: Controller, drivers: CellDrivers, now: float) -> None:
 
 def _motion_again(cell: Controller, drivers: CellDrivers, now: float) -> Step:
     said_at = [now]
+    is_behind_door = drivers.cnc.status is not None and drivers.cnc.status.state == "Door"
+    timeout_s = MOTION_TIMEOUT_S + (SPINDLE_TIMEOUT_S if is_behind_door else 0.0)  # the firmware restores a spindle before it moves
 
     def resume() -> None:
         drivers.cnc.resume()
@@ -149,7 +152,7 @@ def _motion_again(cell: Controller, drivers: CellDrivers, now: float) -> Step:
         is_ready = status is not None and status.is_idle and drivers.cnc.is_drained
         return status is not None and status.at > said_at[0] and (status.state == "Run" or is_ready)
 
-    return Step("waiting for motion", goes_on, MOTION_TIMEOUT_S, act=resume, remedy="look at the CNC, then reset")
+    return Step("waiting for motion", goes_on, timeout_s, act=resume, remedy="look at the CNC, then reset")
 
 
 def _aborting(cell: Controller, drivers: CellDrivers, now: float) -> None:

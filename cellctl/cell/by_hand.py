@@ -15,7 +15,7 @@ from cellctl.cell.transaction import StepFailedError, Transaction
 from cellctl.domain.messages import Command
 from cellctl.domain.states import State, Trigger, after
 from drivers.cell_wires import CellDrivers
-from drivers.errors import DriverError
+from drivers.errors import DeviceSilent, DriverError, LinkError
 
 if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
@@ -176,11 +176,12 @@ class ByHand:
             if c.state in BY_HAND:
                 c.fault("step_failed", error.message, error.hint)
         except DriverError as error:
+            c.pump()  # what the line tells by itself is the cause: it is lost, an alarm, a restart
             if c.state is S.JOGGING and self._stands():
                 c.event("jog", f"the CNC refused the jog: {error.message}")
                 c.go(T.JOGGED, f"the CNC refused the jog: {error.message}")
             elif c.state in BY_HAND:
-                c.fault("step_failed", error.message, error.hint)
+                c.fault(_code_of(error), error.message, error.hint)
         except Exception as error:
             log.exception("work of the CNC failed", state=c.state.value)
             c.fault("internal", f"{c.state.value}: {type(error).__name__}: {error}")
@@ -202,3 +203,10 @@ class ByHand:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
             self._task = None
+
+
+def _code_of(error: DriverError) -> str:
+    """Cause of work that the CNC did not carry out: it fell silent, its line is lost, or it refuses."""
+    if isinstance(error, DeviceSilent):
+        return "cnc_silent"
+    return "cnc_lost" if isinstance(error, LinkError) else "step_failed"

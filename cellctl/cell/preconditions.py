@@ -87,6 +87,8 @@ def check_devices(drivers: CellDrivers, *, for_job: bool = True) -> None:
                 "remove the cause at the device; `reset` clears what it has latched",
                 READINESS,
             )
+    if drivers.io.faults:
+        raise Refused(f"the I/O coupler is not to be trusted: {'; '.join(drivers.io.faults)}", "look at the coupler and its outputs", READINESS)
 
 
 def signal_of(client: DeviceClient, name: str) -> Signal:
@@ -110,6 +112,8 @@ def still_there(code: str, c: Controller) -> str:
         "feeder_silent": drivers.feeder.client,
         "io_silent": drivers.io.client,
     }
+    if code == "io_fault":
+        return "; ".join(drivers.io.faults)
     if code == "power":
         return next((why for name in silent if (why := still_there(name, c))), "")
     client = silent.get(code)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from cellctl.cell.laser_hand import LaserHand
+from cellctl.cell.late_answers import why_late
 from cellctl.cell.modes import DEPOSIT, MILL
-from cellctl.domain.causes import cause_of_alarm, causes_of_interlocks, is_explained
+from cellctl.domain.causes import SEPARATOR, cause_of_alarm, causes_of_interlocks, is_explained
 from cellctl.domain.interlocks import Levels, Signal, permissives
 from cellctl.domain.reactions import INTERLOCK_CAUSE
 from cellctl.domain.snapshot import Permissive
@@ -21,6 +22,7 @@ DARK_GRACE_S = 0.3  # from the permit's end until read-backs have to show it: re
 FLOW_GRACE_S = 1.5  # powder may be off its set-point that long before it counts as lost
 FLOW_BAND = 3.0  # times powder_settle_tolerance
 TOOL_GRACE_S = 1.0
+TRIPPED_SHARE = 0.9  # of the dead-man's time: a heartbeat that has not come back for so long when outputs fall back is why they did
 OPENINGS = "_openings"  # ending of the registers that count how often a contact has opened
 BRIEFLY = "it has opened and closed between two readings"
 HEAD_PLACES = {DEPOSIT: ("head_deployed", "not deployed while depositing"), MILL: ("head_parked", "not parked while milling")}
@@ -192,6 +194,8 @@ class Senses:
             since = [each.at for known, each in told.items() if is_explained(known, each.detail, by=code)]
             if since and self._clock.now() - max(since) <= signal.stale_s:
                 yield code, "", ""
+        if self._d.io.faults and any(is_explained(known, each.detail, by="io_fault") for known, each in told.items()):
+            yield self._device_fault("io", self._d.io.faults)
         for role, why in self._late.items():
             code = f"{role}_lost"
             if any(is_explained(known, each.detail, by=code) for known, each in told.items()):
@@ -231,7 +235,7 @@ class Senses:
         for name, code in INTERLOCK_CAUSE.items():
             signal = _signal(io.client, name)
             if not signal.is_fresh:
-                yield "io_silent", _why_silent(io.client), ""
+                yield self._silent("io")
                 return
             if not signal.value and code != "estop":
                 yield code, "", ""
@@ -239,25 +243,41 @@ class Senses:
     def _door(self) -> Iterator[tuple[str, str, str]]:
         door = _signal(self._d.io.client, "door_closed")
         if not door.is_fresh:
-            yield "io_silent", _why_silent(self._d.io.client), ""
+            yield self._silent("io")
         elif not door.value:
             yield "door", "", ""
 
     def _devices(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         laser, feeder = self._d.laser, self._d.feeder
         if not _signal(laser.client, "fault_word").is_fresh or not _signal(laser.client, "emission").is_fresh:
-            yield "laser_silent", _why_silent(laser.client), ""
+            yield self._silent("laser")
         elif laser.faults:
-            yield "laser_fault", "; ".join(laser.faults), ""
+            yield self._device_fault("laser", laser.faults)
         elif laser.is_enabled:
             for code, detail in causes_of_interlocks(laser.interlocks):
                 yield code, detail, ""
         if not _signal(feeder.client, "fault_word").is_fresh or not _signal(feeder.client, "rate_readback").is_fresh:
-            yield "feeder_silent", _why_silent(feeder.client), ""
+            yield self._silent("feeder")
         elif feeder.faults:
-            yield "feeder_fault", "; ".join(feeder.faults), ""
+            yield self._device_fault("feeder", feeder.faults)
         elif now.state is State.RUNNING and now.mode == DEPOSIT:
             yield from self._flow(now.powder_g_min)
+        if self._d.io.faults:
+            yield self._device_fault("io", self._d.io.faults)
+
+    def _silent(self, role: str) -> tuple[str, str, str]:
+        """A device whose readings are stale: the one that is at fault for it, and why."""
+        at_fault, why = why_late(role, self._clients)
+        return f"{at_fault}_silent", why or "its readings are stale", ""
+
+    def _device_fault(self, role: str, faults: Sequence[str]) -> tuple[str, str, str]:
+        """What a device reports of itself; a dead-man that tripped because of the wire is told as what kept the heartbeat away."""
+        text = SEPARATOR.join(faults)
+        if is_explained(f"{role}_fault", text, by=f"{role}_silent"):
+            at_fault, why = why_late(role, self._clients)
+            if why:
+                return f"{at_fault}_silent", f"{why}; {role}: {text}", ""
+        return f"{role}_fault", text, ""
 
     def _flow(self, wanted: float) -> Iterator[tuple[str, str, str]]:
         read = self._d.feeder.rate_readback_g_min
@@ -276,9 +296,9 @@ class Senses:
         if now.state is State.RUNNING and wanted is not None:
             place = _signal(self._d.io.client, wanted[0])
             if not place.is_fresh:
-                yield "io_silent", _why_silent(self._d.io.client), ""
+                yield self._silent("io")
             elif not place.value:
-                yield "head_position", wanted[1], ""
+                yield self._head_left(wanted[1])
         status = self._d.cnc.status
         if (
             now.state is not State.RUNNING
@@ -296,11 +316,15 @@ class Senses:
         if self._clock.now() - since > TOOL_GRACE_S:
             yield "tool", f"T{status.tool} is mounted, the program needs T{now.tool}", ""
 
+    def _head_left(self, where: str) -> tuple[str, str, str]:
+        """A head that is not where it has to be: by itself, or because its coupler has not heard the heartbeat for long."""
+        client = self._d.io.client
+        behind_s = client.heartbeat.behind_s(self._clock.now())
+        if behind_s > TRIPPED_SHARE * client.device.dead_man_s:
+            return "io_fault", f"it has not followed the heartbeat for {behind_s:.1f} s, and its outputs fell back", ""
+        return "head_position", where, ""
+
 
 def is_whole(told: Mapping[str, Told], now: float) -> bool:
     """Whether a wire that fell silent was told so lately that the others, silent too, have the same cause."""
     return any(code in told and now - told[code].at <= TOGETHER_S for code in WIRES)
-
-
-def _why_silent(client: DeviceClient) -> str:
-    return client.last_error.message if client.last_error is not None else "its readings are stale"

@@ -15,6 +15,7 @@ DOOR_WORDS = re.compile(r"\b(door|guard)s?\b", re.IGNORECASE)
 COOLING_WORDS = re.compile(r"\bcool|\bchill|\bwater\b", re.IGNORECASE)
 WRONG_VALUE = re.compile(r"\bwrong value read back\b")  # an opened chain puts a device's set-points to their safe values
 ALARM_BY_ESTOP = re.compile(r"^ALARM:(3\b|10\b|$)")  # reset in motion (E-stop on the reset pin), E-stop, or no number told
+HEARTBEAT_WORDS = re.compile(r"\bheartbeat\b|\bdead-?man\b|\bwatchdog\b", re.IGNORECASE)
 ANYTHING = re.compile("")
 
 CNC_ALARM_CAUSE: dict[int, str] = {7: "door", 10: "estop"}
@@ -32,6 +33,7 @@ EXPLAINS: dict[str, dict[str, re.Pattern[str]]] = {
         "laser_lost": ANYTHING,
         "feeder_fault": WRONG_VALUE,
         "feeder_lost": ANYTHING,
+        "io_fault": WRONG_VALUE,
         "cnc_alarm": ALARM_BY_ESTOP,
         "cnc_reset": ANYTHING,
     },
@@ -41,10 +43,12 @@ EXPLAINS: dict[str, dict[str, re.Pattern[str]]] = {
     "gas_pressure": {"powder_flow": ANYTHING, "gas_flow": ANYTHING},
     "laser_interlock": {"laser_fault": WRONG_VALUE, "laser_lost": ANYTHING},
     "laser_fault": {"laser_lost": ANYTHING},
-    "laser_silent": {"laser_lost": ANYTHING},
+    "laser_silent": {"laser_fault": HEARTBEAT_WORDS, "laser_lost": ANYTHING},
     "feeder_fault": {"feeder_lost": ANYTHING},
-    "feeder_silent": {"feeder_lost": ANYTHING},
-    "io_lost": {"head_position": ANYTHING},
+    "feeder_silent": {"feeder_fault": HEARTBEAT_WORDS, "feeder_lost": ANYTHING},
+    "io_silent": {"io_fault": HEARTBEAT_WORDS},
+    "io_fault": {"head_position": ANYTHING, "io_lost": ANYTHING},
+    "io_lost": {"head_position": ANYTHING, "io_fault": WRONG_VALUE},
 }
 """Cause -> code of a report that it explains, if the words of the report's detail are found."""
 

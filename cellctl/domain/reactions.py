@@ -22,18 +22,19 @@ REACTIONS: dict[str, Words] = {
     "head_position": Words("The head left the position that the operation needs: {detail}", "look at the head's slide; reset, then abort"),
     "laser_fault": Words("The laser reports: {detail}", "remove the cause at the laser, then reset"),
     "laser_interlock": Words("The laser's interlock chain reports: {detail}", "close the chain, then reset"),
-    "laser_silent": Words("The laser does not answer: {detail}", "look at its power and cable; reset when it answers"),
+    "laser_silent": Words("The laser does not answer in time: {detail}", "look at its power, cable and network; reset when it answers"),
     "laser_lost": Words("The laser lost what it was told: {detail}", "look at its power and cable; reset, then resume or abort"),
     "laser_emitting": Words("The laser reports emission that was not permitted: {detail}", "press the E-stop and call service"),
     "dark_pass": Words(
         "The laser emits nothing though the program asks for it: {detail}", "look at gate wire, shutter and fibre; reset, then resume or abort"
     ),
     "feeder_fault": Words("The powder feeder reports: {detail}", "remove the cause at the feeder, then reset"),
-    "feeder_silent": Words("The powder feeder does not answer: {detail}", "look at its power and cable; reset when it answers"),
+    "feeder_silent": Words("The powder feeder does not answer in time: {detail}", "look at its power, cable and network; reset when it answers"),
     "feeder_lost": Words("The powder feeder lost what it was told: {detail}", "look at its power and cable; reset, then resume or abort"),
     "powder_flow": Words("Powder does not flow as set: {detail}", "look for a clog or an empty hopper, then reset"),
     "gas_flow": Words("Gas does not flow as set: {detail}", "look at the gas supply, then reset"),
-    "io_silent": Words("The I/O coupler does not answer: {detail}", "look at its power and cable; reset when it answers"),
+    "io_silent": Words("The I/O coupler does not answer in time: {detail}", "look at its power, cable and network; reset when it answers"),
+    "io_fault": Words("The I/O coupler is not to be trusted: {detail}", "look at the coupler and its outputs; reset, then resume or abort"),
     "power": Words(
         "The whole machine fell silent at once: {detail}",
         "look at its main switch and supply, then at its network; when all devices answer, reset and home; the job goes on from where metal ended",

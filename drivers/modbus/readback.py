@@ -48,6 +48,7 @@ class Heartbeat:
         self._limit_s = limit_s
         self._sent: deque[tuple[int, float]] = deque(maxlen=256)
         self._echoed_at: float | None = None
+        self._followed = 0.0  # when the count that came back last was sent
         self._has_followed = False
 
     @property
@@ -68,8 +69,10 @@ class Heartbeat:
 
     def echo(self, value: float, at: float) -> None:
         """What the device shows in a reading taken at time `at`."""
-        if any(count == value and at - sent_at <= self._limit_s for count, sent_at in reversed(self._sent)):
+        told_at = next((sent_at for count, sent_at in reversed(self._sent) if count == value and at - sent_at <= self._limit_s), None)
+        if told_at is not None:
             self._echoed_at = at
+            self._followed = told_at
             self._has_followed = True
 
     def is_forgotten(self, value: float) -> bool:
@@ -79,6 +82,10 @@ class Heartbeat:
     def is_followed(self, now: float) -> bool:
         """Whether a recent count has come back in time (true before the first one)."""
         return self._echoed_at is None or now - self._echoed_at <= self._limit_s
+
+    def behind_s(self, now: float) -> float:
+        """Age of the count that came back last (0 before the first one)."""
+        return now - self._followed if self._has_followed else 0.0
 
     def clear(self) -> None:
         """Begin anew (the device was lost)."""
