@@ -45,20 +45,21 @@ def _ended(outcomes: Sequence[Outcome]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.most_common())
 
 
-def _bound_ms(signal: str) -> Cell:
-    return round(1000 * max(bound_s(signal, facts_of(gate, ())) for gate in GATES)) if signal else "-"
+def _bound_ms(row: Row, gate: str, which: str) -> Cell:
+    signal = str(getattr(row.on(facts_of(gate, row.cnc)), which))
+    return round(1000 * bound_s(signal, facts_of(gate, row.cnc))) if signal else "-"
 
 
 def _row(row: Row, outcomes: Sequence[Outcome]) -> list[Cell]:
     by_situation: dict[str, list[Outcome]] = defaultdict(list)
     for outcome in outcomes:
         by_situation[outcome.situation].append(outcome)
-    worst_lit: Cell = round(max(outcome.lit_ms for outcome in outcomes)) if row.lit else "-"
-    return [
-        row.name, len(outcomes), sum(bool(outcome.wrong) for outcome in outcomes),
-        worst_lit, _bound_ms(row.lit), round(max(outcome.standing_ms for outcome in outcomes)), _bound_ms(row.standing),
-        *(_ended(by_situation[situation]) for situation in SITUATIONS),
-    ]  # fmt: skip
+    cells: list[Cell] = [row.name, len(outcomes), sum(bool(outcome.wrong) for outcome in outcomes)]
+    for gate in GATES:
+        own = [outcome for outcome in outcomes if outcome.gate == gate]
+        cells += [round(max((outcome.lit_ms for outcome in own), default=0.0)) if row.lit else "-", _bound_ms(row, gate, "lit")]
+        cells += [round(max((outcome.standing_ms for outcome in own), default=0.0)), _bound_ms(row, gate, "standing")]
+    return [*cells, *(_ended(by_situation[situation]) for situation in SITUATIONS)]
 
 
 def tables_of(outcomes: Sequence[Outcome], took_s: float) -> list[Table]:
@@ -66,9 +67,10 @@ def tables_of(outcomes: Sequence[Outcome], took_s: float) -> list[Table]:
     by_row: dict[str, list[Outcome]] = defaultdict(list)
     for outcome in outcomes:
         by_row[outcome.row].append(outcome)
-    columns = ["fault", "runs", "wrong", "lit after ms", "bound", "lit at standstill ms", "bound ", *SITUATIONS]
+    figures = [f"{gate}: {what}" for gate in GATES for what in ("lit after ms", "bound", "lit at standstill ms", "its bound")]
+    columns = ["fault", "runs", "wrong", *figures, *SITUATIONS]
     rows = [_row(row, by_row[row.name]) for row in ROWS if by_row[row.name]]
-    rows += [[name, 0, 0, "-", "-", 0, "-", *["not in this bench"] * len(SITUATIONS)] for name in LATER]
+    rows += [[name, 0, 0, *["-"] * len(figures), *["in bench_process_faults"] * len(SITUATIONS)] for name in LATER]
     note = (
         f"{len(outcomes)} runs in {took_s:.0f} s, random instants, in stream-gate and Modbus-gate cells, simulated time; times at the plant. "
         "bound: 30 ms, one request (100 ms at most) and the stale limit of the signal that was lost; where nobody can reach the laser, its dead-man."

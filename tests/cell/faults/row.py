@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from config.cell import Cell
 from config.device import Device, load_device
@@ -27,6 +28,7 @@ class Row:
     standing : the same for light at standstill
     is_gappy : whether lines may be missing at the machine, because it drops some and goes on
     cnc : changes of the cell file
+    shared : changes of this row in a cell whose laser, feeder and I/O coupler share one line
     """
 
     name: str
@@ -39,6 +41,13 @@ class Row:
     standing: str = "request"
     is_gappy: bool = False
     cnc: tuple[tuple[str, object], ...] = ()
+    shared: tuple[tuple[str, Any], ...] = ()
+
+    def on(self, cell: Cell) -> Row:
+        """This row as it is judged in a cell."""
+        ports = {link.serial_port for link in cell.links.values() if link.transport == "rtu"}
+        shares = len(cell.links) > 1 and len(ports) == 1 and all(link.transport == "rtu" for link in cell.links.values())
+        return replace(self, **dict(self.shared)) if shares else self
 
 
 def bound_s(signal: str, cell: Cell) -> float:

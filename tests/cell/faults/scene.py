@@ -54,8 +54,8 @@ class Scene:
     """A run of one row. seed : chooses the instant and what the operator does afterwards"""
 
     def __init__(self, row: Row, situation: str, gate: str, seed: int) -> None:
-        self.row, self.situation = row, situation
         self.facts = facts_of(gate, row.cnc)
+        self.row, self.situation = row.on(self.facts), situation
         self.random = random.Random(f"{row.name}/{situation}/{gate}/{seed}")
         self.outcome = Outcome(row.name, situation, gate, seed)
         self.replies: list[tuple[str, str, bool]] = []  # id, verb, accepted
@@ -220,6 +220,9 @@ class Scene:
         others = [code for code in codes if code not in row.codes and code != "internal"]
         if others and not told:
             self._wrong(f"told as {', '.join(others)}: {alarms[0].text}"[:200])
+        left = [*cell.controller.alarms]
+        if told in row.codes and left and not row.codes.intersection(left):
+            self._wrong(f"what the operator reads in the end is {', '.join(left)}")
         if self.situation in row.must and not told and not others and self._is_within_reach:
             self._wrong(f"nothing is told; {cell.state.value}, {cell.controller.because}")
         self.outcome.ended = told or (others[0] if others else "passed")
