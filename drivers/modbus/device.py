@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from config.device import Device
 from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkError, WrongAnswer
 from drivers.interfaces import Clock, ModbusLink
+from drivers.modbus.beats import Beats
 from drivers.modbus.latency import Latency
 from drivers.modbus.readings import Reading
 from drivers.modbus.registers import Span, decode, encode, spans
@@ -18,7 +19,6 @@ from drivers.modbus.write_order import next_group
 from drivers.modbus.written import HEARTBEAT
 
 RETRY_S = 0.3  # pause after a device missed twice: longer than it is waited out, so that others on its line have their turn
-BEATS_SHARE = 0.25  # of the dead-man's time between two heartbeats: three may be lost
 PROVE_SHARE = 0.4  # of the stale limit: readings older than that go before proofs
 PROVE_BEFORE = 3.0  # times what a reading takes: nearer to a write that is due there is no proof, unless readings are young
 RECHECK_CYCLES = 25  # set-points without a read-back register are read from their own table this often
@@ -53,18 +53,18 @@ class DeviceClient(Wanted):
         self._is_up = False
         self._misses = 0  # cycles without an answer, in a row
         self._answered_at = -math.inf
-        self._beat_at = -math.inf  # last try to write the heartbeat
+        self._beats = Beats(device)
         self._retry_at = -math.inf
 
     @property
     def connected(self) -> bool:
-        """Whether the link is open and the device has answered within its dead-man time."""
+        """Whether the link is open and the device has answered a request within its dead-man time."""
         return self.link.connected and self.clock.now() - self._answered_at <= self.device.dead_man_s
 
     @property
     def trips_in_s(self) -> float:
         """Seconds until the device's own dead-man has tripped, if it hears no heartbeat from now on."""
-        return max(0.0, self._beat_at + self.device.dead_man_s - self.clock.now())
+        return self._beats.trips_in_s(self.clock.now())
 
     @property
     def faults(self) -> list[str]:
@@ -86,22 +86,21 @@ class DeviceClient(Wanted):
         return self.watcher is not None and self.watcher.is_waiting
 
     async def cycle(self) -> None:
-        """Connect if need be, write what changed and the heartbeat (safe direction first), read all, compare."""
+        """Connect if need be, write what changed and the heartbeat (safe first), read all, compare."""
         if self.clock.now() < self._retry_at and not self.wake.is_set():
             return
         self.wake.clear()
-        self.desired.update({name: self._safe[name] for name in self._ebbing})
-        self._ebbing.clear()
+        self._ebb()
         try:
             if not self.link.connected:
                 self._lose("its connection broke")
                 await self.link.connect()
-            error = await self._write_changes(self.is_beating and self._is_beat_due())
+            await self.turn.let_others_write(self)
+            error = await self._write_changes(self._is_beating_now())
             error = await self._read_all() or error
         except LinkError as lost:
             self._miss(lost)
             return
-        self._answered_at = self.clock.now()
         self._is_up = True
         self._misses = 0
         self.last_error = self._named(error) if error else None
@@ -111,12 +110,21 @@ class DeviceClient(Wanted):
         if self.restarts.answered() and self.on_level is not None:
             self.on_level()
 
-    def _is_beat_due(self) -> bool:
-        """Whether the next heartbeat goes now: one in so long, and not just before a set-point that is due."""
-        now = self.clock.now()
-        age = (now - self._beat_at) / self.device.dead_man_s
-        can_wait = self.turn.taken_at(now, self.latency.write.usual_s) is not None or self._is_about_stale
-        return age >= BEATS_SHARE and (age >= 2.0 * BEATS_SHARE or not can_wait)
+    def _is_beating_now(self) -> bool:
+        now, takes_s = self.clock.now(), self.latency.write.usual_s
+        can_wait = self._beats.is_costly(takes_s) or self._is_about_stale or self.turn.taken_at(now, takes_s) is not None
+        return self.is_beating and self._beats.is_due(now, is_shared=self.turn.is_shared, can_wait=can_wait)
+
+    @property
+    def is_beat_due(self) -> bool:
+        """Whether a heartbeat goes before anybody's next reading."""
+        return self.beats_by < math.inf and self._is_beating_now()
+
+    @property
+    def beats_by(self) -> float:
+        """Wire time (s) by which the next heartbeat has to go; infinite for a device that is lost or left in peace."""
+        is_reached = self.is_beating and self._is_up and self.link.connected and self.clock.now() >= self._retry_at
+        return self._beats.latest_at if is_reached else math.inf
 
     @property
     def _is_about_stale(self) -> bool:
@@ -129,12 +137,12 @@ class DeviceClient(Wanted):
         return self.patience_s(self._read_spans, self.latency.read.usual_s, self.latency.write.usual_s)
 
     async def flush(self) -> None:
-        """Write what was set, nothing else; errors are in `last_error`."""
+        """Write what was set and a heartbeat that is due, nothing else; errors are in `last_error`."""
         self.wake.clear()
         if not self.link.connected or self.clock.now() < self._retry_at:
             return  # its own next cycle writes everything
         try:
-            error = await self._write_changes(beat=False)
+            error = await self._write_changes(self.is_beat_due)
         except LinkError as lost:
             self._miss(lost)
             return
@@ -144,7 +152,7 @@ class DeviceClient(Wanted):
         """Write what differs from what was last taken; the first refusal, if any. Raises LinkError.
 
         What is next is chosen anew before every request: what turned safe meanwhile goes first, what is wanted no more goes never.
-        A reading that is about to grow stale goes before all but a gate that is shut.
+        A reading that is about to grow stale goes before all but a gate that is shut and a heartbeat that is late.
         """
         error: DriverError | None = None
         refused: set[tuple[str, tuple[int, ...]]] = set()
@@ -161,7 +169,8 @@ class DeviceClient(Wanted):
             if not group:
                 return error
             is_gate_shut = group[0] in to_safe and self.device.registers[group[0]].type == "bit"
-            if self._is_about_stale and not is_gate_shut and reads < len(self._read_spans):
+            is_urgent = is_gate_shut or (HEARTBEAT in group and self._beats.is_late(self.clock.now()))
+            if self._is_about_stale and not is_urgent and reads < len(self._read_spans):
                 error = await self._read_span(self._oldest(self._read_spans)) or error
                 reads += 1
                 continue
@@ -179,16 +188,17 @@ class DeviceClient(Wanted):
         register = self.device.registers[group[0]]
         at = self.clock.now()
         if HEARTBEAT in group:
-            self._beat_at = at
+            self._beats.at = at
             if self.on_beat is not None:
                 self.on_beat()
         try:
             await self.link.write(self.device_id, register.table, register.address, [w for name in group for w in words[name]])
         except (DeviceFault, WrongAnswer) as error:
+            self._answered_at = self.clock.now()
             for name in group:
                 self._written.pop(name, None)
             return error
-        ended = self.clock.now()
+        ended = self._answered_at = self.clock.now()
         self.latency.write.took(ended - at)
         for name in group:
             if name == HEARTBEAT:
@@ -237,8 +247,9 @@ class DeviceClient(Wanted):
         try:
             words = await self.link.read(self.device_id, span.table, span.address, span.count)
         except (DeviceFault, WrongAnswer) as refusal:
+            self._answered_at = self.clock.now()
             return refusal
-        ended = self.clock.now()
+        ended = self._answered_at = self.clock.now()
         self.latency.read.took(ended - at)
         is_news = False
         for name in span.names:
@@ -271,20 +282,18 @@ class DeviceClient(Wanted):
         """Before a reading: what was set goes first; the first refusal, if any. Raises LinkError."""
         error: DriverError | None = None
         while True:
-            takes_s = self.latency.read.usual_s
-            await self.turn.before_read(self, takes_s, self._patience_s)
-            if not self.wake.is_set():
+            await self.turn.before_read(self, self.latency.read.usual_s, self._patience_s)
+            if not (self.wake.is_set() or self.is_beat_due):
                 return error
             self.wake.clear()
-            error = await self._write_changes(beat=False) or error
+            error = await self._write_changes(self.is_beat_due) or error
 
     async def _prove(self) -> DriverError | None:
         """Read set-points without a read-back register from their own table, after a write and now and then."""
         self._cycles += 1
         if self._cycles % RECHECK_CYCLES == 0:
             self._unproven |= {name for name in self._written if self.device.registers[name].readback is None}
-        names = self._unproven - self._write_only
-        self._unproven = set()
+        names, self._unproven = self._unproven - self._write_only, set()
         for span in spans(self.device.registers, names):
             await self._give_way()
             takes_s = self.latency.read.usual_s

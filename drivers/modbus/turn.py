@@ -22,8 +22,16 @@ class Talker(Protocol):
     def is_sense_due(self) -> bool:
         """Whether its contacts are to be read before anything else is."""
 
+    @property
+    def is_beat_due(self) -> bool:
+        """Whether its heartbeat goes before anybody's next reading."""
+
+    @property
+    def beats_by(self) -> float:
+        """Wire time (s) by which its next heartbeat has to go."""
+
     async def flush(self) -> None:
-        """Write what was set; nothing else."""
+        """Write what was set, and a heartbeat that is due; nothing else."""
 
     async def sense(self) -> None:
         """Read the contacts; nothing else."""
@@ -56,9 +64,9 @@ class Turn:
             self._due[id(talker)] = at
 
     async def let_others_write(self, talker: Talker) -> None:
-        """What was set on the other devices of the line goes first."""
+        """What was set on the other devices of the line goes first, and their heartbeats that are due."""
         for other in self._talkers:
-            if other is not talker and other.wake.is_set():
+            if other is not talker and (other.wake.is_set() or other.is_beat_due):
                 await other.flush()
 
     async def let_others_sense(self, talker: Talker) -> None:
@@ -72,7 +80,7 @@ class Turn:
         """Return when a read that takes `takes_s` neither holds up what was set nor what is due on any device of the line.
 
         patience_s : a read that would have to wait longer than that goes at once, whatever is due
-        What `talker` itself wants written is for itself to look after: its `wake` is set then.
+        What `talker` itself wants written is for itself to look after: its `wake` is set then, or its heartbeat is due.
         """
         if patience_s > SENSES_APART * takes_s:  # else this reading is as urgent as contacts are
             await self.let_others_sense(talker)
@@ -81,9 +89,10 @@ class Turn:
             await self.let_others_write(talker)
             now = self._clock.now()
             due = self.taken_at(now, takes_s)
-            if talker.wake.is_set() or due is None or due > until or now > until:
+            if talker.wake.is_set() or talker.is_beat_due or due is None or due > until or now > until:
                 return
-            await self.pause(max(due + LATE_S - now, 0.0))
+            beats_by = min(each.beats_by for each in self._talkers)
+            await self.pause(max(min(due + LATE_S, beats_by) - now, 0.0))
 
     def taken_at(self, now: float, takes_s: float) -> float | None:
         """Wire time (s) of what is due before a request that takes `takes_s` would have ended; None: the line is free for it."""

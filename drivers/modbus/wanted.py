@@ -52,3 +52,7 @@ class Wanted(Written):
         """Write 1 once and its safe value at the cycle after. Raises RangeError_."""
         self.set(name, 1.0)
         self._pulses.add(name)
+
+    def _ebb(self) -> None:
+        self.desired.update({name: self._safe[name] for name in self._ebbing})
+        self._ebbing.clear()

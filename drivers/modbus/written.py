@@ -12,6 +12,7 @@ from drivers.modbus.registers import LIMITS, decode, encode
 from drivers.modbus.restarts import Restarts
 
 HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
+ECHO_S = 0.5  # least time for an echo: a slow device shows it in its next reading, however short its dead-man is
 
 
 class Written(Readings):
@@ -20,7 +21,7 @@ class Written(Readings):
     def __init__(self, device: Device, clock: Clock) -> None:
         super().__init__(device, clock)
         self.disagreements = Disagreements()
-        self.heartbeat = Heartbeat(int(LIMITS.get(device.registers[HEARTBEAT].type, (0, 0xFFFF))[1]), device.dead_man_s)
+        self.heartbeat = Heartbeat(int(LIMITS.get(device.registers[HEARTBEAT].type, (0, 0xFFFF))[1]), max(device.dead_man_s, ECHO_S))
         registers = device.registers
         self.desired: dict[str, float] = {
             name: register.safe for name, register in registers.items() if register.safe is not None and name != HEARTBEAT

@@ -134,7 +134,9 @@ async def test_a_host_that_dies_leaves_the_gate_of_the_stream_open_and_the_permi
     assert cell.sim.laser.gate and not cell.is_dark, "the control executes what it holds"
     await cell.forward(seconds=cell.wires.links["laser"]._world.laser.device.dead_man_s - 0.2 + 0.03)
     assert cell.sim.laser.gate, "an output of the control holds its level"
-    assert cell.is_dark and cell.sim.laser.is_safe and cell.sim.feeder.is_safe and cell.sim.io.is_safe
+    assert cell.is_dark and cell.sim.laser.is_safe
+    await cell.forward(seconds=cell.wires.links["feeder"]._world.feeder.device.dead_man_s - cell.wires.links["laser"]._world.laser.device.dead_man_s)
+    assert cell.is_dark and cell.sim.feeder.is_safe and cell.sim.io.is_safe
 
 
 async def test_a_journal_that_cannot_be_written_turns_the_laser_off_and_holds_the_job(cell: CellUnderTest) -> None:
