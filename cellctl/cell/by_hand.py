@@ -107,6 +107,7 @@ class ByHand:
 
     async def _home(self, drivers: CellDrivers) -> None:
         if await self._is_safe(drivers, "homing", parks=True):
+            self._c.homing_watch.asked(self._c.times.wire.now())
             await drivers.cnc.home()
             homed_at = self._c.times.wire.now()  # reports that were formed before may still tell the lock that homing has opened
             await drivers.cnc.wait_until(lambda: self._is_unlocked(drivers, homed_at), UNLOCKED_S)
