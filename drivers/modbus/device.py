@@ -41,7 +41,6 @@ class DeviceClient(Wanted):
         self.latency = Latency(device, answer_line_s)
         self.watcher: Watcher | None = None
         self.is_beating = True  # cleared by whoever wants the device's dead-man to trip
-        self.on_beat: Callable[[], None] | None = None  # called before a heartbeat goes out, with `trips_in_s` as it is behind it
         self.on_level: Callable[[], None] | None = None  # called as soon as a level or a word of flags was read that differs from before
         self._levels = frozenset(name for name, register in device.registers.items() if not register.writable and register.is_level)
         self.last_error: DriverError | None = None
@@ -53,18 +52,18 @@ class DeviceClient(Wanted):
         self._is_up = False
         self._misses = 0  # cycles without an answer, in a row
         self._answered_at = -math.inf
-        self._beats = Beats(device)
+        self.beats = Beats(device)
         self._retry_at = -math.inf
 
     @property
     def connected(self) -> bool:
-        """Whether the link is open and the device has answered a request within its dead-man time."""
-        return self.link.connected and self.clock.now() - self._answered_at <= self.device.dead_man_s
+        """Whether the link is open, everything was read once, and the device has answered within its dead-man time."""
+        return self._is_up and self.link.connected and self.clock.now() - self._answered_at <= self.device.dead_man_s
 
     @property
     def trips_in_s(self) -> float:
         """Seconds until the device's own dead-man has tripped, if it hears no heartbeat from now on."""
-        return self._beats.trips_in_s(self.clock.now())
+        return self.beats.trips_in_s(self.clock.now())
 
     @property
     def faults(self) -> list[str]:
@@ -112,8 +111,8 @@ class DeviceClient(Wanted):
 
     def _is_beating_now(self) -> bool:
         now, takes_s = self.clock.now(), self.latency.write.usual_s
-        can_wait = self._beats.is_costly(takes_s) or self._is_about_stale or self.turn.taken_at(now, takes_s) is not None
-        return self.is_beating and self._beats.is_due(now, is_shared=self.turn.is_shared, can_wait=can_wait)
+        can_wait = self.beats.is_costly(takes_s) or self._is_about_stale or self.turn.taken_at(now, takes_s) is not None
+        return self.is_beating and self.beats.is_due(now, is_shared=self.turn.is_shared, can_wait=can_wait)
 
     @property
     def is_beat_due(self) -> bool:
@@ -124,7 +123,7 @@ class DeviceClient(Wanted):
     def beats_by(self) -> float:
         """Wire time (s) by which the next heartbeat has to go; infinite for a device that is lost or left in peace."""
         is_reached = self.is_beating and self._is_up and self.link.connected and self.clock.now() >= self._retry_at
-        return self._beats.latest_at if is_reached else math.inf
+        return self.beats.latest_at if is_reached else math.inf
 
     @property
     def _is_about_stale(self) -> bool:
@@ -169,7 +168,7 @@ class DeviceClient(Wanted):
             if not group:
                 return error
             is_gate_shut = group[0] in to_safe and self.device.registers[group[0]].type == "bit"
-            is_urgent = is_gate_shut or (HEARTBEAT in group and self._beats.is_late(self.clock.now()))
+            is_urgent = is_gate_shut or (HEARTBEAT in group and self.beats.is_late(self.clock.now()))
             if self._is_about_stale and not is_urgent and reads < len(self._read_spans):
                 error = await self._read_span(self._oldest(self._read_spans)) or error
                 reads += 1
@@ -187,12 +186,9 @@ class DeviceClient(Wanted):
     async def _write(self, group: list[str], words: dict[str, list[int]]) -> DriverError | None:
         register = self.device.registers[group[0]]
         at = self.clock.now()
-        if HEARTBEAT in group:
-            self._beats.at = at
-            if self.on_beat is not None:
-                self.on_beat()
+        sending = (lambda: self.beats.sent(self.clock.now())) if HEARTBEAT in group else None
         try:
-            await self.link.write(self.device_id, register.table, register.address, [w for name in group for w in words[name]])
+            await self.link.write(self.device_id, register.table, register.address, [w for name in group for w in words[name]], sending)
         except (DeviceFault, WrongAnswer) as error:
             self._answered_at = self.clock.now()
             for name in group:
