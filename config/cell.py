@@ -201,11 +201,14 @@ class Response(Facts):
 
 
 class Service(Facts):
-    """Where the service listens. Loopback by default."""
+    """Where the service listens (loopback by default), and how much it keeps."""
 
     host: str = "127.0.0.1"
     port: int = Field(8000, ge=0, le=65535)
     stop_port: int = Field(8001, ge=0, le=65535, description="the cell process's own listener for STOP")
+    samples_kept: int = Field(
+        2_000_000, ge=10_000, description="samples of runs kept whole, newest first; as many older ones thinned to each tenth; events for ever"
+    )
 
 
 class Simulation(Facts):

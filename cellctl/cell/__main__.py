@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import gc
 import os
+import resource
 import signal
 import sys
 import time
@@ -35,6 +36,7 @@ from drivers.transport.line_loop import LineLoop
 from planner.errors import PlannerError
 
 SNAPSHOT_S = 0.1
+SELECT_DESCRIPTORS = 1024  # FD_SETSIZE of the C library
 log = structlog.get_logger()
 
 
@@ -45,7 +47,7 @@ class CellProcess:
         self.cell = cell
         self._run_dir = run_dir
         self._clock = SystemClock()
-        self._journal = Journal(store, box_file(run_dir))
+        self._journal = Journal(store, box_file(run_dir), cell.service.samples_kept)
         self.controller = Controller(cell, Times(self._clock, time.time), self._journal)
         self.commands = Commands(self.controller, ProgramReader(cell_file, run_dir / "forms"))
         self._beat = Beat(cell.limits.tick_s)
@@ -157,6 +159,13 @@ def _on_loop(loop: asyncio.AbstractEventLoop, call: object) -> None:
         loop.call_soon_threadsafe(call)  # type: ignore[arg-type]
 
 
+def _limit_descriptors() -> None:
+    """The line is waited for by select(), which takes none beyond: one too many is refused where it is opened, in one line."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft > SELECT_DESCRIPTORS:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (SELECT_DESCRIPTORS, hard))
+
+
 async def _main(cell_file: str, run_dir: Path, store: Path, stop_host: str, stop_port: int | None) -> None:
     cell = load_cell(cell_file)
     process = CellProcess(cell, cell_file, run_dir, store, stop_host)
@@ -180,6 +189,7 @@ def main(arguments: list[str] | None = None) -> int:
                     structlog.processors.JSONRenderer()],
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
     )  # fmt: skip
+    _limit_descriptors()
     try:
         given.run.mkdir(parents=True, exist_ok=True)
         given.store.parent.mkdir(parents=True, exist_ok=True)

@@ -15,6 +15,7 @@ from typing import Any
 
 from cellctl.cell.black_box import BlackBox
 from cellctl.cell.journal_rows import END, EVENT, PROGRESS, RUN, SAMPLE, TABLES, Found, Sample, UnfinishedRun, find
+from cellctl.cell.sample_keeping import KEPT_WHOLE, SampleKeeping
 from cellctl.domain.messages import Event
 from cellctl.domain.trouble import of_database
 
@@ -23,6 +24,7 @@ __all__ = ["END", "PROGRESS", "RUN", "SAMPLE", "Found", "Journal", "Sample", "St
 GROUP_S = 0.05  # at most twenty commits a second: a row is at most this old, and one commit more, when it is durable
 BUSY_TIMEOUT_S = 5.0  # another process may hold the store's write lock that long
 RETRY_S = 0.5  # between two tries of a store that refuses
+KEEPING_S = 2.0  # between two steps of removing old samples: many times as fast as new ones come
 Row = tuple[Any, ...]
 ROW_ERRORS = (
     sqlite3.IntegrityError,
@@ -79,9 +81,10 @@ class Journal:
 
     on_committed gets the events of a commit, with their seq, after they are durable; on_failure gets one line when the store fails.
     Both are called from the committing thread.  box : the black box of the run, beside the store unless it is given
+    samples_kept : rows of samples that are kept whole (sample_keeping.py)
     """
 
-    def __init__(self, path: Path, box: Path | None = None) -> None:
+    def __init__(self, path: Path, box: Path | None = None, samples_kept: int = KEPT_WHOLE) -> None:
         self.path = path
         self.refused_path = path.with_name(f"{path.name}.refused.jsonl")
         self.on_committed: Callable[[list[Event]], None] = lambda events: None
@@ -101,6 +104,7 @@ class Journal:
             self._db.execute("PRAGMA journal_mode=WAL")
             self._db.execute("PRAGMA synchronous=FULL")
             self._db.executescript(TABLES)
+            self._keeping = SampleKeeping(self._db, samples_kept)
             self._file = _file_of(path)
             self.box = BlackBox(box or path.with_name(f"{path.name}.box"))
         except (sqlite3.Error, OSError) as error:
@@ -260,6 +264,7 @@ class Journal:
 
     def _run(self) -> None:
         """Commit what is queued at once, then let a while go by in which rows gather; a command does not wait for that."""
+        kept_at = time.monotonic()
         while True:
             self._wake.wait()
             self._wake.clear()
@@ -274,6 +279,9 @@ class Journal:
                 pause_s = RETRY_S
             if closing:
                 return
+            if not self.failure and not self._urgent.is_set() and time.monotonic() - kept_at > KEEPING_S:
+                self._keeping.step()
+                kept_at = time.monotonic()
             self._urgent.wait(pause_s)
 
     def close(self) -> None:
