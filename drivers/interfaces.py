@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 from config.device import Table
@@ -59,8 +60,10 @@ class ModbusLink(Protocol):
         Raises LinkLost, DeviceSilent, DeviceFault (Modbus exception) or WrongAnswer (count or function differ).
         """
 
-    async def write(self, device_id: int, table: Table, address: int, values: list[int]) -> None:
-        """Write 16-bit words (holding) or bits (coil) from `address`. Raises as `read`."""
+    async def write(
+        self, device_id: int, table: Table, address: int, values: list[int], sending: Callable[[], None] | None = None
+    ) -> None:
+        """Write 16-bit words (holding) or bits (coil) from `address`. sending : called as the request goes out. Raises as `read`."""
 
     async def close(self) -> None:
         """Close the line after the request in flight has ended. Twice is harmless."""

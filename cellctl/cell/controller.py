@@ -110,13 +110,13 @@ class Controller:
         self.quiesce.on_hold = self._brakes
         for client in (drivers.io.client, drivers.laser.client, drivers.feeder.client):
             client.on_level = self.judge
-        drivers.laser.client.on_beat = self._put_off_dead_man
+        drivers.laser.client.beats.on_sent = self._put_off_dead_man
         self.hand.lock("the cell process has started")
         drivers.laser.safe()
         drivers.feeder.safe()
 
     def _put_off_dead_man(self) -> None:
-        """A heartbeat goes to the laser: what it puts off, metal's end if this process is killed, is written down before."""
+        """A heartbeat goes to the laser: what it puts off, metal's end if this process is killed, is written down then."""
         note(self, self.times.wire.now())
 
     def _brakes(self, at: float) -> None:

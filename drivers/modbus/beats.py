@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from config.device import Device
 
@@ -16,12 +17,18 @@ LEAST_SHARE = 0.1  # a short dead-man does not fill the line with heartbeats
 
 
 class Beats:
-    """Heartbeats of one device. `at`: wire time (s) at which the last one was tried."""
+    """Heartbeats of one device. `at`: wire time (s) at which the last one went out; `on_sent` is called then."""
 
     def __init__(self, device: Device) -> None:
         self._dead_man_s = device.dead_man_s
         self._timeout_s = device.timeout_s
         self.at = -math.inf
+        self.on_sent: Callable[[], None] = lambda: None
+
+    def sent(self, at: float) -> None:
+        """One goes out at wire time `at` (s)."""
+        self.at = at
+        self.on_sent()
 
     def period_s(self, *, is_shared: bool) -> float:
         """Time (s) after which the next one goes. On a line that others share their lost answers take time from the dead-man too."""

@@ -99,12 +99,20 @@ class PymodbusLink:
             raise self._wrong(what, f"{len(answer.registers)} registers where {count} were asked")
         return list(answer.registers)
 
-    async def write(self, device_id: int, table: Table, address: int, values: list[int]) -> None:
-        """Write words (holding) or bits (coil). Raises LinkLost, DeviceSilent, DeviceFault, WrongAnswer."""
+    async def write(
+        self, device_id: int, table: Table, address: int, values: list[int], sending: Callable[[], None] | None = None
+    ) -> None:
+        """Write words (holding) or bits (coil). sending : called as the request goes out. Raises LinkLost, DeviceSilent, DeviceFault, WrongAnswer."""
         what = f"device {device_id}, writing {table} {address}..{address + len(values) - 1}"
         is_one = len(values) == 1
         function = (5 if is_one else 15) if table == "coil" else (6 if is_one else 16)
-        answer = await self._request(lambda client: self._send_write(client, device_id, table, address, values), function, what)
+
+        def send(client: Client) -> Awaitable[ModbusPDU]:
+            if sending is not None:
+                sending()
+            return self._send_write(client, device_id, table, address, values)
+
+        answer = await self._request(send, function, what)
         if answer.address != address:
             raise self._wrong(what, f"an answer for address {answer.address}")
         echoed = [int(bit) for bit in answer.bits] if table == "coil" else answer.registers

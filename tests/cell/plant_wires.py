@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import heapq
 import itertools
+from collections.abc import Callable
 
 from config.cell import Cell
 from config.device import Device, Table
@@ -135,7 +136,11 @@ class DirectLink:
         except ModbusFault as fault:
             raise DeviceFault(f"{self.name}: exception {fault.code}", "", fault.code) from None
 
-    async def write(self, device_id: int, table: Table, address: int, values: list[int]) -> None:
+    async def write(
+        self, device_id: int, table: Table, address: int, values: list[int], sending: Callable[[], None] | None = None
+    ) -> None:
+        if sending is not None and self.connected:
+            sending()
         await self._answer()
         self.written.append((table, address, list(values)))
         try:

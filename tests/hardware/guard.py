@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from config.device import Device, Register, Table
@@ -73,7 +74,9 @@ class GuardedLink:
         """Reading is free."""
         return await self.line.read(device_id, table, address, count)
 
-    async def write(self, device_id: int, table: Table, address: int, values: list[int]) -> None:
+    async def write(
+        self, device_id: int, table: Table, address: int, values: list[int], sending: Callable[[], None] | None = None
+    ) -> None:
         """Write what is permitted. Raises GuardError, and what the line raises."""
         k = 0
         while k < len(values):
@@ -83,7 +86,7 @@ class GuardedLink:
                 self._refuse(f"{self.role}.{name} = {words}")
             self.written.append(Written(self.role, name, tuple(words)))
             k += register.count
-        await self.line.write(device_id, table, address, values)
+        await self.line.write(device_id, table, address, values, sending)
 
     def _register(self, table: Table, address: int) -> tuple[str, Register]:
         for name, register in self.device.registers.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -136,7 +137,9 @@ class Recorded:
         self.values: list[list[int]] = []
         self.sent = b""
 
-    async def write(self, device_id: int, table: str, address: int, values: list[int]) -> None:
+    async def write(
+        self, device_id: int, table: str, address: int, values: list[int], sending: Callable[[], None] | None = None
+    ) -> None:
         self.values.append(values)
 
 

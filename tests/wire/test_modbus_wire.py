@@ -260,7 +260,7 @@ async def test_coil_that_is_stuck_is_told_though_the_map_has_no_read_back_for_it
 
 async def test_write_that_vanished_is_written_again(server: RawModbus) -> None:
     link = await link_to(server, "rtu", timeout_s=0.3)
-    laser = Laser(DeviceClient(LASER, 1, link, SystemClock()))
+    laser = Laser(DeviceClient(LASER.model_copy(update={"dead_man_s": 1.0}), 1, link, SystemClock()))  # outlasts one time-out
     await laser.cycle()
     server.devices[1].lose_writes = 1
     laser.set_power(321.0)

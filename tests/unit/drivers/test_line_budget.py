@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from config.cell import Cell, load_cell
@@ -72,11 +74,11 @@ async def test_readings_stay_younger_than_their_limit_while_set_points_change_al
         ages.extend(laser.client.age(name) for name in ("emission", "fault_word"))
         return words
 
-    async def slow_write(device_id: int, table: Table, address: int, values: list[int]) -> None:
+    async def slow_write(device_id: int, table: Table, address: int, values: list[int], *sending: Any) -> None:
         clock.advance(request_s)
         if began <= len(link.writes) < began + WRITES:
             laser.set_power(501.0 if laser.power_setpoint_w == 500.0 else 500.0)  # the next one is there before this one has ended
-        await write(device_id, table, address, values)
+        await write(device_id, table, address, values, *sending)
 
     link.read, link.write = slow_read, slow_write  # type: ignore[method-assign]
     began = 10**9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from config.device import Table, load_device
@@ -38,7 +40,11 @@ class SlowLink(MemoryLink):
         self._pass(device_id)
         return [0] * count
 
-    async def write(self, device_id: int, table: Table, address: int, values: list[int]) -> None:
+    async def write(
+        self, device_id: int, table: Table, address: int, values: list[int], sending: Callable[[], None] | None = None
+    ) -> None:
+        if sending is not None:
+            sending()
         if device_id == 1 and (table, address) == ("holding", 1):
             self.beats_at.append(self.clock.now())
         self._pass(device_id)

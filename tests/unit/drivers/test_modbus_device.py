@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 
@@ -53,7 +54,11 @@ class MemoryLink:
         self.reads += 1
         return [self.tables.get((table, address + k), 0) for k in range(count)]
 
-    async def write(self, device_id: int, table: Table, address: int, values: list[int]) -> None:
+    async def write(
+        self, device_id: int, table: Table, address: int, values: list[int], sending: Callable[[], None] | None = None
+    ) -> None:
+        if sending is not None:
+            sending()
         self._check(table, address)
         self.writes.append((table, address, values))
         for k, value in enumerate(values):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from config.device import Table, load_device
@@ -28,9 +30,9 @@ def two_on_a_line() -> tuple[Laser, Feeder, MemoryLink, list[tuple[str, int]]]:
             one.permit(True)  # set while the first reading of the other device is on the wire
         return await read(device_id, table, address, count)
 
-    async def noted_write(device_id: int, table: Table, address: int, values: list[int]) -> None:
+    async def noted_write(device_id: int, table: Table, address: int, values: list[int], *sending: Any) -> None:
         order.append((f"write {table}", device_id))
-        await write(device_id, table, address, values)
+        await write(device_id, table, address, values, *sending)
 
     link.read, link.write = noted_read, noted_write  # type: ignore[method-assign]
     return one, other, link, order
@@ -51,8 +53,8 @@ async def test_what_is_taken_back_while_it_waits_is_never_written() -> None:
     link.writes.clear()
     write = link.write
 
-    async def lock_meanwhile(device_id: int, table: Table, address: int, values: list[int]) -> None:
-        await write(device_id, table, address, values)
+    async def lock_meanwhile(device_id: int, table: Table, address: int, values: list[int], *sending: Any) -> None:
+        await write(device_id, table, address, values, *sending)
         if (table, address) == ("holding", 0):
             one.permit(False)
 
