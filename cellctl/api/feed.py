@@ -80,10 +80,13 @@ class Feed:
             viewer.wake.set()
 
     def take_event(self, event: Event) -> None:
-        """In order, none left out."""
+        """In order, none left out; a viewer that is cut off gets no more, and what waited for it is let go."""
         for viewer in self._viewers:
-            viewer.is_behind = viewer.is_behind or len(viewer.events) >= EVENTS_QUEUED_MAX
-            viewer.events.append(event)
+            if viewer.is_behind or len(viewer.events) >= EVENTS_QUEUED_MAX:
+                viewer.is_behind = True
+                viewer.events.clear()
+            else:
+                viewer.events.append(event)
             viewer.wake.set()
 
     def take_job(self, job_id: str) -> None:

@@ -22,6 +22,7 @@ from cellctl.domain.trouble import of_database
 __all__ = ["END", "PROGRESS", "RUN", "SAMPLE", "Found", "Journal", "Sample", "StoreError", "UnfinishedRun"]
 
 GROUP_S = 0.05  # at most twenty commits a second: a row is at most this old, and one commit more, when it is durable
+CACHE_KIB = 512  # pages of the store in memory: rows are only added, at its end
 BUSY_TIMEOUT_S = 5.0  # another process may hold the store's write lock that long
 RETRY_S = 0.5  # between two tries of a store that refuses
 KEEPING_S = 2.0  # between two steps of removing old samples: many times as fast as new ones come
@@ -103,6 +104,7 @@ class Journal:
             self._db = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, check_same_thread=False, isolation_level=None)
             self._db.execute("PRAGMA journal_mode=WAL")
             self._db.execute("PRAGMA synchronous=FULL")
+            self._db.execute(f"PRAGMA cache_size=-{CACHE_KIB}")
             self._db.executescript(TABLES)
             self._keeping = SampleKeeping(self._db, samples_kept)
             self._file = _file_of(path)

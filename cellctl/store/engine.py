@@ -19,6 +19,7 @@ from cellctl.store.blobs import Blobs
 
 BUSY_TIMEOUT_MS = 10_000  # the cell process commits ten times a second; a writer waits for it rather than fails
 DATABASE = "store.db"
+CACHE_KIB = 512  # of one connection, beside the system's own: a pool of them grows with the store to no more than this each
 
 
 class StoreError(Exception):
@@ -93,7 +94,8 @@ def open_engine(database: Path) -> Engine:
     @event.listens_for(engine, "connect")
     def _connected(connection: Any, _record: Any) -> None:
         connection.isolation_level = None  # BEGIN is sent below, so that it can be IMMEDIATE
-        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_TIMEOUT_MS}"):
+        pragmas = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_TIMEOUT_MS}", f"cache_size=-{CACHE_KIB}")
+        for pragma in pragmas:
             connection.execute(f"PRAGMA {pragma}").close()
 
     @event.listens_for(engine, "begin")

@@ -6,9 +6,15 @@ import hashlib
 import json
 from typing import Any
 
-from sqlalchemy import Connection, insert, select
+from sqlalchemy import Connection, insert, select, text
 
 from cellctl.store.schema import idempotency
+
+KEPT_S = 30 * 86_400.0  # a request is not sent a second time after so long
+FORGOTTEN_AT_ONCE = 20  # keys looked at, the oldest first, with every one that comes: faster than they come
+FORGET = text(
+    "DELETE FROM idempotency WHERE created_at < :before AND rowid IN (SELECT rowid FROM idempotency ORDER BY rowid LIMIT :count)"
+)
 
 
 class KeyReusedError(Exception):
@@ -37,7 +43,8 @@ def answered(connection: Connection, who: str, key: str | None, request_sha256: 
 def remember(
     connection: Connection, who: str, key: str | None, request_sha256: str, answer: dict[str, Any], at: float
 ) -> None:
-    """Keep an answer, in the transaction that made what it tells of."""
+    """Keep an answer, in the transaction that made what it tells of; the oldest beyond KEPT_S are forgotten."""
     if key is not None:
+        connection.execute(FORGET, {"before": at - KEPT_S, "count": FORGOTTEN_AT_ONCE})
         values = {"request_sha256": request_sha256, "answer": json.dumps(answer), "created_at": at}
         connection.execute(insert(idempotency).values(who=who, key=key, **values))

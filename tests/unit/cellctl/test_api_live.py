@@ -85,5 +85,6 @@ async def test_viewer_that_never_reads_is_marked_and_delays_nobody() -> None:
             feed.take_event(event(number))
             quick.events.clear()
         assert slow.is_behind and not quick.is_behind
+        assert not slow.events, "what waited for a viewer that is cut off is let go"
         await asyncio.wait_for(quick.wake.wait(), 60.0)
     assert len(feed) == 0

@@ -164,6 +164,16 @@ def test_key_gives_its_first_answer_and_refuses_another_request(store: Store) ->
             idempotency.answered(rows, "me", "k", other)
 
 
+def test_answers_to_requests_are_forgotten_after_a_month_the_oldest_first(store: Store) -> None:
+    with store.write() as rows:
+        for k in range(200):
+            idempotency.remember(rows, "me", f"old-{k}", "d", {}, 0.0)
+        for k in range(20):
+            idempotency.remember(rows, "me", f"new-{k}", "d", {}, idempotency.KEPT_S + 1.0)
+        kept = {key for (key,) in rows.exec_driver_sql("SELECT key FROM idempotency")}
+    assert kept == {f"new-{k}" for k in range(20)}
+
+
 def test_blob_is_placed_whole_and_again_without_harm(store: Store, tmp_path: Path) -> None:
     for _ in range(2):
         with store.blobs.staging() as folder:
