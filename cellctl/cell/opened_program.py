@@ -33,6 +33,11 @@ class MappedLines(Sequence[str]):
     def __len__(self) -> int:
         return len(self._starts) - 1
 
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """(n,) bytes of each line, its newline included."""
+        return np.diff(self._starts)
+
     @overload
     def __getitem__(self, index: int) -> str: ...
 
@@ -122,11 +127,11 @@ def _opened(body: Path, document: dict[str, Any]) -> OpenedProgram:
     first, second = document["timeline"]["plane"]
     tables: dict[str, Any] = {name: mapped.array(places[name]) for name in written.TABLES}
     lines = MappedLines(mapped, mapped.array(places[written.STARTS]))
-    opened = OpenedProgram(
+    return OpenedProgram(
         lines=cast("tuple[str, ...]", lines),
         **tables,
         **values,
         timeline=Timeline(**columns, plane=(first, second)),
         mounted=tuple((int(line), int(tool)) for line, tool in mapped.array(places[written.TOOLS])),
+        speeds=tuple((int(line), float(rpm)) for line, rpm in document["speeds"]),
     )
-    return dataclasses.replace(opened, speeds=tuple(spindle_speeds(opened)))  # reads every row: here, and not in the event loop

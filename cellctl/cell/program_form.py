@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 
 from cellctl.cell.arc_ways import bows, plane_of
 from cellctl.cell.arrays_file import append_array, block_sums
+from cellctl.cell.first_cuts import spindle_speeds
 from cellctl.cell.program_text import gate_of_lines, mounted_tools
 from cellctl.domain.timeline import Timeline
 from config.cell import Cell
 from planner.program import Program
 
-FORM = 2
+FORM = 3
 INDEX = "form.json"
 BODY = "form.bin"
 STARTS = "starts"
@@ -56,7 +57,7 @@ def write_form(program: Program, cell: Cell, target: Path, program_sha256: str) 
             places = _write_body(program, timeline, file)
         sums = block_sums(folder / BODY)
         document = {"form": FORM, "program_sha256": program_sha256, "size": (folder / BODY).stat().st_size, "sums": sums}
-        document |= {"places": places, "program": _scalars(program)}
+        document |= {"places": places, "program": _scalars(program), "speeds": spindle_speeds(program)}
         document["timeline"] = {"plane": list(timeline.plane)}
         (folder / INDEX).write_text(json.dumps(document, indent=1), encoding="utf-8")
         if target.exists():
