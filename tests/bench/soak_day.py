@@ -6,6 +6,7 @@ import asyncio
 import json
 import random
 import threading
+import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -27,6 +28,7 @@ CLIENT = "soak"
 WHO = "operator"
 CONSOLES = 3
 LOOK_S = 1.0
+TELL_S = 30.0
 ASK_S = 0.5
 STATE_S = 90.0  # until the cell is in a state that it is on its way to
 JOB_S = 900.0
@@ -38,7 +40,7 @@ Document = dict[str, object]
 
 
 class Day:
-    """One soak. programs : folders that are run in turn; `live` until so many simulated hours are over"""
+    """One soak. programs : folders that are run in turn; `spend` until so many simulated hours are over"""
 
     def __init__(self, service: Served, programs: list[Path], watch: Watch, hours: float) -> None:
         self.service, self._programs, self._watch, self._hours = service, programs, watch, hours
@@ -52,6 +54,8 @@ class Day:
         self.first: Snapshot | None = None
         self.plans: Counter[str] = Counter()
         self.consoles = 0
+        self.planning: threading.Thread | None = None
+        self.broke_off = ""  # what ended the day before its time
         self._is_over = threading.Event()
 
     # -- what is told --------------------------------------------------------------------------------------------------
@@ -85,8 +89,18 @@ class Day:
 
     # -- the day -------------------------------------------------------------------------------------------------------
 
-    async def live(self) -> None:
-        """All of it. Raises TimeoutError, RuntimeError with what the cell said."""
+    def spend(self) -> None:
+        """All of it; what ends it before its time is told in `broke_off`, and the rest is looked at all the same."""
+        try:
+            asyncio.run(self._live())
+        except Exception as error:  # noqa: BLE001  the edge of the day: whatever it was, it is a finding
+            causes = error.exceptions if isinstance(error, ExceptionGroup) else (error,)
+            self.broke_off = "; ".join(f"{type(cause).__name__}: {cause}" for cause in causes)
+        finally:
+            self._is_over.set()
+
+    async def _live(self) -> None:
+        """Raises TimeoutError with what the cell said, alone or in a group."""
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(self.link.run()), group.create_task(self._look())]
             tasks += [group.create_task(self._console()) for _ in range(CONSOLES)]
@@ -96,10 +110,9 @@ class Day:
             while self.hour - begun < self._hours:
                 async with self._passer_by():
                     await self._job(k)
-                if k % PLAN_EVERY == PLAN_EVERY - 1 and not self.planning.is_alive():
+                if k % PLAN_EVERY == PLAN_EVERY - 1 and (self.planning is None or not self.planning.is_alive()):
                     self._plan_beside()
                 k += 1
-            self._is_over.set()
             for task in tasks:
                 task.cancel()
 
@@ -159,10 +172,21 @@ class Day:
                 await asyncio.sleep(0.3)
 
     async def _look(self) -> None:
+        told_at = 0.0
         while True:
             if (self.service.run / TOLD).exists():
                 self._watch.look(self.hour)
+                if time.monotonic() - told_at > TELL_S:
+                    told_at = time.monotonic()
+                    print(self._progress, flush=True)
             await asyncio.sleep(LOOK_S)
+
+    @property
+    def _progress(self) -> str:
+        """One line for who waits for the end."""
+        ticks = f", {self.link.snapshot.tick.missed} ticks missed" if self.link.snapshot is not None else ""
+        held = ", ".join(f"{name} {held[-1].memory:.1f} MB {held[-1].descriptors} fd" for name, held in self._watch.held.items())
+        return f"{self.hour:.2f} h of {self._hours:g}: {len(self.started)} jobs, {len(self.faults)} faults{ticks}; {held}"
 
     async def _console(self) -> None:
         """One live feed, read for ever."""

@@ -74,6 +74,12 @@ class Watch:
         half = len(at) // 2
         return float(np.median((value[half : 2 * half] - value[:half]) / (at[half : 2 * half] - at[:half])))
 
+    def floor_rise(self, name: str, column: str) -> int:
+        """How many more the last quarter behind the warm-up has at least than the first: what comes and goes does not count."""
+        value = self.series(name, column)[self.warm()]
+        quarter = len(value) // 4 + 1
+        return int(value[-quarter:].min() - value[:quarter].min()) if len(value) else 0
+
 
 def picture(watches: Mapping[str, Watch], path: Path) -> None:
     """Memory of every process over simulated hours, one panel per soak, as a PNG."""
