@@ -16,6 +16,7 @@ from cellctl.cell.answers import Answers
 from cellctl.cell.by_hand import ByHand
 from cellctl.cell.controller import Controller
 from cellctl.cell.gate import SHUT_S
+from cellctl.cell.left_in_light import told
 from cellctl.cell.preconditions import check_cnc, check_devices, check_program, still_there
 from cellctl.cell.record import END, RUN, StoreError
 from cellctl.cell.refusal import READINESS, STORE, Refused
@@ -191,6 +192,8 @@ class Commands:
                 c.journal.write(END, (c.times.unix(), "aborted", 0, job))
             raise
         c.event("job", f"{name}: started by {command.who}", {"outcome": "", "total_lines": run.total})
+        if drivers.cnc.identity is not None and (text := await told(program, run.timeline, drivers.laser.client, drivers.cnc.identity)):
+            c.event("dead_man", text, job=job)
         return {"job": job, "total_lines": run.total}
 
     def _check_table(self, command: Command) -> None:
