@@ -38,5 +38,12 @@ class HomingWatch:
             yield "cnc_silent", f"last status report {age_s:.1f} s ago, while homing", ""
         elif self._stood_since is not None and status.state == "Idle" and now - self._stood_since > UNANSWERED_S:
             yield "answer_overdue", f"$H: the CNC stands, homed, and has not answered for {now - self._stood_since:.1f} s", ""
-        elif self._homed_at is None and self._asked_at is not None and status.at - self._asked_at > NOT_BEGUN_S and status.state in ("Idle", "Alarm"):
-            yield "answer_overdue", f"$H: the CNC stands and has not begun to home for {status.at - self._asked_at:.1f} s", ""
+        elif self._homed_at is None and self._asked_at is not None and status.at - self._asked_at > NOT_BEGUN_S:
+            yield from self._not_begun(status, status.at - self._asked_at)
+
+    @staticmethod
+    def _not_begun(status: Status, since_s: float) -> Iterator[tuple[str, str, str]]:
+        if status.state == "Hold":
+            yield "step_failed", "feed hold at the machine: homing has not begun", "reset, then home again"
+        elif status.state in ("Idle", "Alarm"):
+            yield "answer_overdue", f"$H: the CNC stands and has not begun to home for {since_s:.1f} s", ""

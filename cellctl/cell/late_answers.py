@@ -16,9 +16,12 @@ def why_late(role: str, clients: Mapping[str, DeviceClient]) -> tuple[str, str]:
     clients : every device of the cell, by role
     """
     own = clients[role]
-    if own.last_error is not None:
-        return role, own.last_error.message
     sharing = {other: client for other, client in clients.items() if client.turn is own.turn}
+    if own.last_error is not None:
+        if own.link.connected or len(sharing) == 1:
+            return role, own.last_error.message
+        names = ", ".join(client.device.name for client in sharing.values())
+        return next(iter(sharing)), f"{own.last_error.message}; it is the line of {names}"
     for other, client in sharing.items():
         if isinstance(client.last_error, LinkError):
             return other, f"{client.last_error.message}; {own.device.name} waits for it on the line that they share"

@@ -15,6 +15,7 @@ from cellctl.domain.snapshot import Permissive
 from cellctl.domain.states import ACTIVE, IN_JOB, State
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
+from drivers.errors import LinkError
 from drivers.interfaces import Clock
 from drivers.modbus.device import DeviceClient
 
@@ -22,7 +23,6 @@ DARK_GRACE_S = 0.3  # from the permit's end until read-backs have to show it: re
 FLOW_GRACE_S = 1.5  # powder may be off its set-point that long before it counts as lost
 FLOW_BAND = 3.0  # times powder_settle_tolerance
 TOOL_GRACE_S = 1.0
-TRIPPED_SHARE = 0.9  # of the dead-man's time: a heartbeat that has not come back for so long when outputs fall back is why they did
 OPENINGS = "_openings"  # ending of the registers that count how often a contact has opened
 BRIEFLY = "it has opened and closed between two readings"
 HEAD_PLACES = {DEPOSIT: ("head_deployed", "not deployed while depositing"), MILL: ("head_parked", "not parked while milling")}
@@ -173,7 +173,8 @@ class Senses:
             if not d.io.is_deploying:
                 found.setdefault("io", "its output for the head was taken back")
         for role, why in found.items():
-            yield f"{role}_lost", why, ""
+            is_away = isinstance(self._clients[role].last_error, LinkError)
+            yield self._silent(role) if is_away else (f"{role}_lost", why, "")
 
     def _everywhere(self, now: Situation) -> Iterator[tuple[str, str, str]]:
         estop = _signal(self._d.io.client, "estop_ok")
@@ -318,10 +319,9 @@ class Senses:
 
     def _head_left(self, where: str) -> tuple[str, str, str]:
         """A head that is not where it has to be: by itself, or because its coupler has not heard the heartbeat for long."""
-        client = self._d.io.client
-        behind_s = client.heartbeat.behind_s(self._clock.now())
-        if behind_s > TRIPPED_SHARE * client.device.dead_man_s:
-            return "io_fault", f"it has not followed the heartbeat for {behind_s:.1f} s, and its outputs fell back", ""
+        unfollowed_s = self._d.io.client.unfollowed_s
+        if unfollowed_s:
+            return "io_fault", f"it has not followed the heartbeat for {unfollowed_s:.1f} s, and its outputs fell back", ""
         return "head_position", where, ""
 
 

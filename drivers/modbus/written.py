@@ -13,6 +13,7 @@ from drivers.modbus.restarts import Restarts
 
 HEARTBEAT, ECHO = "heartbeat", "heartbeat_readback"
 ECHO_S = 0.5  # least time for an echo: a slow device shows it in its next reading, however short its dead-man is
+TRIPPED_SHARE = 0.9  # of the dead-man's time: a heartbeat that has not come back for so long when outputs fall back is why they did
 
 
 class Written(Readings):
@@ -31,6 +32,16 @@ class Written(Readings):
         self._written: dict[str, list[int]] = {}
         self._written_at: dict[str, float] = {}
         self.restarts = Restarts()
+
+    @property
+    def unfollowed_s(self) -> float:
+        """How long the heartbeat has not come back, if for so long that the dead-man has tripped; else 0 (s)."""
+        behind_s = self.heartbeat.behind_s(self.clock.now())
+        return behind_s if behind_s > TRIPPED_SHARE * self.device.dead_man_s else 0.0
+
+    def _back(self, name: str, value: float) -> str:
+        why = f"it has not followed the heartbeat for {self.unfollowed_s:.1f} s" if self.unfollowed_s else ""
+        return f"{name} is back at {value:g}: {why}" if why else f"{name} is back at {value:g} by itself"
 
     def holds(self, name: str) -> bool:
         """Whether the device was told what is wanted and, where this can be read, holds it."""
@@ -56,7 +67,7 @@ class Written(Readings):
             self.disagreements.agree(name)
             return
         if self._proven.get(name) == written and register.safe is not None and held == encode(register, register.safe):
-            self.restarts.sign(f"{name} is back at {register.safe:g} by itself")
+            self.restarts.sign(self._back(name, register.safe))
         told, holds = decode(register, written), decode(register, held)
         self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, the device holds {holds:g}", self.clock.now())
         self._written.pop(name, None)
@@ -74,7 +85,7 @@ class Written(Readings):
                 self.disagreements.agree(name)
                 continue
             if self._proven.get(name) == self._written[name] and register.safe is not None and abs(register.safe - reading.value) <= band:
-                self.restarts.sign(f"{name} is back at {reading.value:g} by itself")
+                self.restarts.sign(self._back(name, reading.value))
             self.disagreements.differ(name, f"{name} is {told:g} {register.unit}, reads {reading.value:g}", now)
             self._written.pop(name)
         echo = self.readings.get(ECHO)
