@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -10,11 +11,11 @@ import numpy as np
 
 from sim.trace import Trace
 from sim.world import World
+from tests.cell.faults.row import bound_s
 
 DARK_W = 10.0  # about 1 % of the power: tail of the laser's ramp
 NUMBER_WORD = re.compile(r"N(\d+)")
 DEPOSITING_TOOLS = (1,)
-UNHEARD_S = 0.63  # a coupler that is dead or slow hides where the head is for its contacts' stale limit, and one reaction
 LEVELS: dict[str, Callable[[World], bool]] = {
     "door": lambda world: world.io.door_closed,
     "estop": lambda world: world.io.estop_ok,
@@ -40,7 +41,13 @@ class PlantWitness:
         self.unsafe_since: dict[str, float] = {}
         self.unsafe_lit_s: dict[str, float] = {}  # longest that light stayed behind an unsafe level
         self.unguarded = ""  # light with the wrong tool or with the head parked, in words
+        self.parked_lit_s = 0.0  # longest that light stayed with the head parked
         self._parked_since: float | None = None
+        self._unheard_at = -math.inf  # when the coupler could last not be heard
+        self._hidden_s = bound_s("io", world.cell)
+        io = world.cell.links["io"]
+        sharing = [role for role, link in world.cell.links.items() if link.transport == "rtu" and link.serial_port == io.serial_port]
+        self._line = sharing if io.transport == "rtu" else ["io"]
         self.taken: list[int] = []  # N-words of lines that the machine took, in their order
         world.metal = self
         self._watch_lines()
@@ -62,6 +69,8 @@ class PlantWitness:
         """Take in the pieces of a step. The world calls this when its time has gone on."""
         world = self._world
         end = world.wire_time_s
+        if not self._is_heard():
+            self._unheard_at = end
         if not world.io.is_parked:
             self._parked_since = None
         elif self._parked_since is None:
@@ -83,15 +92,25 @@ class PlantWitness:
                 self._standing_s = 0.0
         self.burnt_lines.update(trace.line[is_lit].tolist())
         self.last_lit_at = end - float(trace.dt[int(np.flatnonzero(is_lit)[-1]) + 1 :].sum()) / scale
-        if trace.tool not in DEPOSITING_TOOLS or self._is_parked_unseen(end):
-            self.unguarded = f"light with tool {trace.tool} and the head {'parked' if self._world.io.is_parked else 'out'}"
+        if trace.tool not in DEPOSITING_TOOLS:
+            self.unguarded = f"light with tool {trace.tool}"
+        self._note_parked(self.last_lit_at)
         self._note_levels(end, True)
 
-    def _is_parked_unseen(self, now: float) -> bool:
-        """Whether the head is parked, and has been for longer than a coupler that does not answer can hide."""
-        wire = self._world.wires["io"]
-        allowed_s = UNHEARD_S if wire.is_silent or wire.delay_s > 0.0 else 0.0
-        return self._parked_since is not None and now - self._parked_since >= allowed_s
+    def _note_parked(self, lit_at: float) -> None:
+        """Light at wire time `lit_at` (s) with a parked head. A coupler that cannot be heard hides its contacts until the first goes stale."""
+        if self._parked_since is None or lit_at < self._parked_since:
+            return
+        lit_s = lit_at - self._parked_since
+        self.parked_lit_s = max(self.parked_lit_s, lit_s)
+        allowed_s = self._hidden_s if lit_at - self._unheard_at < self._hidden_s else 0.0
+        if lit_s >= allowed_s:
+            self.unguarded = f"light {1000 * lit_s:.0f} ms after the head was parked, bound {1000 * allowed_s:.0f}"
+
+    def _is_heard(self) -> bool:
+        """Whether the coupler's line is as it should be, its other devices included."""
+        wires = [self._world.wires[role] for role in self._line]
+        return not any(w.is_silent or w.is_gone or w.delay_s or w.exception or w.extra_count or w.late_answers for w in wires)
 
     def _note_levels(self, now: float, is_lit: bool) -> None:
         for name, is_safe in LEVELS.items():

@@ -21,7 +21,8 @@ ACTIVE = IN_JOB - {"held"}
 class Row:
     """One fault.
 
-    strike : fault texts, at once; a text that begins with "+S " comes S seconds (wire time) later. mend : the same, for the repair
+    strike : fault texts of the simulated cell, or of the computer (host.py), at once; a text that begins with "+S " comes S seconds
+        (wire time) later. mend : the same, for the repair
     codes : alarms of which one has to be told; words : or words of what the cell says of itself (empty: alarms alone)
     must : situations in which it has to be told (elsewhere the cell may go on if nothing is wrong)
     lit : signal whose bound (BOUNDS) light has to keep after the cause; "" if the cause forbids no light

@@ -119,11 +119,9 @@ CNC = (
 )
 
 
-def _device_rows(device: str, code: str, word: str) -> tuple[Row, ...]:
-    lit = device
-    codes = _told(
-        f"{code}_silent", f"{code}_fault", f"{code}_lost"
-    )
+def _device_rows(device: str, word: str) -> tuple[Row, ...]:
+    lit = code = device
+    codes = _told(f"{code}_silent", f"{code}_fault")
     words = (word,)
 
     def row(
@@ -147,9 +145,9 @@ def _device_rows(device: str, code: str, word: str) -> tuple[Row, ...]:
 
 
 MODBUS = (
-    *_device_rows("laser", "laser", "laser"),
-    *_device_rows("feeder", "feeder", "feeder"),
-    *_device_rows("io", "io", "I/O coupler"),
+    *_device_rows("laser", "laser"),
+    *_device_rows("feeder", "feeder"),
+    *_device_rows("io", "I/O coupler"),
     Row(
         "laser reads back the wrong power",
         ("modbus_wrong_value laser power_setpoint_readback 1234.5",),
@@ -199,7 +197,7 @@ MODBUS = (
         ("modbus_stuck io heartbeat",),
         ("modbus_ok io",),
         _told("io_fault"),
-        (),
+        ("not followed the heartbeat",),
         frozenset({"depositing"}),
     ),
     Row(
@@ -331,16 +329,20 @@ PROCESS = (
     ),
 )
 
-ROWS = (*SERIAL, *CNC, *MODBUS, *INTERLOCKS, *PROCESS)
+HOST = (
+    Row("clock set forward by an hour", ("host clock 3600",), (), _told(), ("clock was set",), EVERYWHERE, "", "report"),
+    Row("clock set back by a day", ("host clock -86400",), (), _told(), ("clock was set",), EVERYWHERE, "", "report"),
+    Row("disk read-only", ("host disk read-only",), ("host disk writable",), _told("store"), (), EVERYWHERE, "", "report"),
+    Row("disk slow, 2 s a commit", ("host commit 2",), ("host commit 0",), _told(), (), frozenset(), "", "report"),
+)
+
+ROWS = (*SERIAL, *CNC, *MODBUS, *INTERLOCKS, *PROCESS, *HOST)
 LATER = (
     "disk full",
-    "disk read-only",
-    "disk slow",
     "store locked",
-    "clock stepped",
     "cell killed with -9",
     "web killed with -9",
     "planner killed with -9",
     "supervisor killed with -9",
 )
-"""Rows of the same matrix whose faults are made outside of the simulated cell."""
+"""Rows of the same matrix whose faults are made by wire, in bench_process_faults."""

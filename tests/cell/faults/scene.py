@@ -11,6 +11,7 @@ from typing import Any
 
 from cellctl.domain.states import IN_JOB, LATCHED, State
 from config.cell import Cell
+from tests.cell.faults import host
 from tests.cell.faults.programs import Cached, program_for
 from tests.cell.faults.row import Row, bound_s
 from tests.cell.harness import CellUnderTest, shipped_cell
@@ -150,6 +151,9 @@ class Scene:
             if text.startswith("+"):
                 delay, text = text[1:].split(" ", 1)
                 delay_s = float(delay)
+            if text.startswith(host.PREFIX):
+                host.strike(self.cell, text)
+                continue
             sim.faults.add(f"at={begin + delay_s:.6f}s {text}")
         return begin
 
@@ -203,13 +207,14 @@ class Scene:
 
     def _judge_told(self) -> None:
         cell, row = self.cell, self.row
-        cell.journal.commit()
+        cell._commit()
         events = cell.events[self.events_before :]
         alarms = [event for event in events if event.kind == "alarm"]
         codes = [str(event.data["code"]) for event in alarms]
-        texts = [event.text for event in events if event.kind in ("state", "offline", "alarm")]
+        codes += [code for code in cell.controller.alarms if code not in codes]  # of a store that takes no rows, too
+        texts = [event.text for event in events if event.kind in ("state", "offline", "alarm", "clock")]
         if "internal" in codes:
-            self._wrong(f"told as internal: {alarms[codes.index('internal')].text}"[:220])
+            self._wrong(f"told as internal: {cell.controller.because}"[:220])
         for event in alarms:
             if not event.text or not event.data.get("shown_remedy"):
                 self._wrong(f"alarm {event.data['code']} without cause or remedy")
@@ -219,7 +224,7 @@ class Scene:
             told = "told: " + cell.state.value.lower()
         others = [code for code in codes if code not in row.codes and code != "internal"]
         if others and not told:
-            self._wrong(f"told as {', '.join(others)}: {alarms[0].text}"[:200])
+            self._wrong(f"told as {', '.join(others)}: {cell.controller.because}"[:200])
         left = [*cell.controller.alarms]
         if told in row.codes and left and not row.codes.intersection(left):
             self._wrong(f"what the operator reads in the end is {', '.join(left)}")
