@@ -321,7 +321,7 @@ PROCESS = (
         "machine powered off",
         ("power_off",),
         ("power_on",),
-        SILENT | _told("laser_silent", "feeder_silent", "io_silent", "cnc_reset"),
+        SILENT | _told("power", "laser_silent", "feeder_silent", "io_silent", "cnc_reset"),
         (*CNC_WORDS, "laser", "feeder", "I/O"),
         EVERYWHERE,
         "status",
