@@ -37,7 +37,8 @@ def react(c: Controller, code: str, detail: str = "", remedy: str = "") -> None:
         return
     cause = _latch(c, code, detail, remedy)
     before = c.state
-    if before is S.PREPARING and code in CHECKED_AT_REST and not c.quiesce.outcome:
+    is_at_rest = (before is S.PREPARING and code in CHECKED_AT_REST) or (before is S.HELD and code == "head_position")
+    if is_at_rest and not c.quiesce.outcome:
         reaction = reaction.at_rest()
     c.go(T.FAULTED, cause)
     if c.drivers is not None:

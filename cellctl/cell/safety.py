@@ -26,6 +26,7 @@ TOOL_GRACE_S = 1.0
 OPENINGS = "_openings"  # ending of the registers that count how often a contact has opened
 BRIEFLY = "it has opened and closed between two readings"
 HEAD_PLACES = {DEPOSIT: ("head_deployed", "not deployed while depositing"), MILL: ("head_parked", "not parked while milling")}
+HEAD_KEPT = frozenset({State.HOLDING, State.HELD, State.RESUMING})  # before and behind them `_positions` looks at it
 WIRES = ("cnc_lost", "cnc_silent", "laser_silent", "feeder_silent", "io_silent")
 TOGETHER_S = 2.0  # the slowest signal has gone stale by then, whichever was seen first
 ALL_SILENT = "CNC, laser, powder feeder and I/O coupler answer no more"
@@ -78,6 +79,7 @@ class Senses:
         self._clients = {"laser": drivers.laser.client, "feeder": drivers.feeder.client, "io": drivers.io.client}
         self._lost = {role: client.restarts.count for role, client in self._clients.items()}
         self._late: dict[str, str] = {}  # the same, seen behind a fault
+        self._has_head_stood = False  # in the place that the mode needs, since the slide was last told where to go
         self.news: list[str] = []  # devices that lost what they were told while nothing hung on them, in words
         self._openings: dict[str, float] = {}  # cause -> count of openings that was last read
 
@@ -139,6 +141,8 @@ class Senses:
             yield from self._devices(now)
             yield from self._forgotten(now, lost)
             yield from self._positions(now)
+        if now.state in HEAD_KEPT:
+            yield from self._head_kept(now)
 
     def _opened(self) -> list[str]:
         """Causes whose contact has opened since the count was last looked at, where the coupler counts: however short it was."""
@@ -316,6 +320,19 @@ class Senses:
         )
         if self._clock.now() - since > TOOL_GRACE_S:
             yield "tool", f"T{status.tool} is mounted, the program needs T{now.tool}", ""
+
+    def _head_kept(self, now: Situation) -> Iterator[tuple[str, str, str]]:
+        """A head that stood in its place and leaves it while the job is held, or before it moves again; told once: what resumes verifies it."""
+        wanted = HEAD_PLACES.get(now.mode)
+        if wanted is None or self._d.io.is_deploying is not (now.mode == DEPOSIT):
+            self._has_head_stood = False
+            return
+        place = _signal(self._d.io.client, wanted[0])
+        if not place.is_fresh:
+            return
+        if not place.value and self._has_head_stood:
+            yield self._head_left(wanted[1])
+        self._has_head_stood = bool(place.value)
 
     def _head_left(self, where: str) -> tuple[str, str, str]:
         """A head that is not where it has to be: by itself, or because its coupler has not heard the heartbeat for long."""
