@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from cellctl.cell.cnc_checks import SPINDLE_TIMEOUT_S
 from cellctl.cell.modes import SAFE
 from cellctl.cell.reacting import shut_powder_in_time, to_nozzle
+from cellctl.cell.tool_by_hand import told_pause
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.cell.way_back import advance_way_back
 from cellctl.domain.states import State, Trigger
@@ -92,7 +93,7 @@ def _running(cell: Controller, drivers: CellDrivers, now: float) -> None:
     status = drivers.cnc.status
     if status is not None and status.state == "Hold":
         cell.quiesce.begin(now, reset=False)
-        cell.go(T.HELD_AT_MACHINE, "feed hold at the machine")
+        cell.go(T.HELD_AT_MACHINE, told_pause(cell, run, drivers))
     elif run.is_finished:
         cell.hand.lock("the job is done")
         cell.end_run("completed")

@@ -16,6 +16,7 @@ from cellctl.cell.power_share import PowerShare
 from cellctl.cell.program_text import gate_of_lines as gate_of_lines
 from cellctl.cell.set_points import LASER_CHANNELS, Leads, SetPoints
 from cellctl.cell.told_limits import told_limits
+from cellctl.cell.tool_by_hand import asked_tool
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.domain.judge import MotionJudge
 from cellctl.domain.sync import Follower
@@ -308,7 +309,8 @@ class Run:
         if self.mode == DEPOSIT:
             return self._deposit_again()
         if self.mode == MILL:
-            return self._modes.cutting(self.tool_at(self.line + 1), self.offset, speed_at(self._speeds, self.line))
+            tool = self.tool_at(self.line + 1) if asked_tool(self, self._d) is None else None  # the control takes its number up behind its pause
+            return self._modes.cutting(tool, self.offset, speed_at(self._speeds, self.line))
         return []
 
     def _deposit_again(self) -> list[Step]:
