@@ -15,7 +15,8 @@ from cellctl.cell.transaction import StepFailedError, Transaction
 from cellctl.domain.messages import Command
 from cellctl.domain.states import State, Trigger, after
 from drivers.cell_wires import CellDrivers
-from drivers.errors import DeviceSilent, DriverError, LinkError
+from drivers.cnc.events import Status
+from drivers.errors import CommandRefused, DeviceSilent, DriverError, LinkError
 
 if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
@@ -181,15 +182,23 @@ class ByHand:
             if c.state is S.JOGGING and self._stands():
                 c.event("jog", f"the CNC refused the jog: {error.message}")
                 c.go(T.JOGGED, f"the CNC refused the jog: {error.message}")
+            elif c.state in BY_HAND and isinstance(error, CommandRefused) and self._is_held():
+                c.fault("step_failed", "feed hold at the machine", "reset, then try again")
             elif c.state in BY_HAND:
                 c.fault(_code_of(error), error.message, error.hint)
         except Exception as error:
             log.exception("work of the CNC failed", state=c.state.value)
             c.fault("internal", f"{c.state.value}: {type(error).__name__}: {error}")
 
+    @property
+    def _status(self) -> Status | None:
+        return self._c.drivers.cnc.status if self._c.drivers is not None and self._c.is_cnc_alive else None
+
     def _stands(self) -> bool:
-        status = self._c.drivers.cnc.status if self._c.drivers is not None and self._c.is_cnc_alive else None
-        return status is not None and status.is_idle
+        return self._status is not None and self._status.is_idle
+
+    def _is_held(self) -> bool:
+        return self._status is not None and self._status.state == "Hold"
 
     def stop(self) -> None:
         """Drop the work under way; the CNC is the caller's to stop."""

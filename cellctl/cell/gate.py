@@ -103,9 +103,13 @@ class Gate:
             "waiting until the laser's gate is shut",
             lambda: self.is_shut or not self._c.is_cnc_alive or self._is_locked(),
             SHUT_S,
-            detail=lambda: self._why or "the CNC has not answered M65",
-            remedy="check laser_gate_output in the cell file and the wiring, then reset",
+            detail=lambda: "feed hold at the machine" if self._is_held() else self._why or "the CNC has not answered M65",
+            remedy="look at the serial cable, and at laser_gate_output in the cell file if the CNC refuses M65; then reset",
         )
+
+    def _is_held(self) -> bool:
+        status = self._c.drivers.cnc.status if self._c.drivers is not None else None
+        return status is not None and status.state == "Hold"
 
     def _is_locked(self) -> bool:
         status = self._c.drivers.cnc.status if self._c.drivers is not None else None
