@@ -35,10 +35,12 @@ class RequestTime:
     def __init__(self, start_s: float) -> None:
         self._start_s = start_s
         self._seen: deque[float] = deque(maxlen=WINDOW)
+        self._usual_s = start_s
 
     def took(self, seconds: float) -> None:
         """A request took so long from its begin to its answer."""
         self._seen.append(seconds)
+        self._usual_s = sorted(self._seen)[math.ceil(USUAL_SHARE * len(self._seen)) - 1]
 
     @property
     def value_s(self) -> float:
@@ -53,8 +55,7 @@ class RequestTime:
     @property
     def usual_s(self) -> float:
         """What nine in ten of the last ones took at most: a single stall does not keep a line free for as long as it was."""
-        seen = sorted(self._seen)
-        return seen[math.ceil(USUAL_SHARE * len(seen)) - 1] if seen else self._start_s
+        return self._usual_s
 
     @property
     def samples(self) -> int:
