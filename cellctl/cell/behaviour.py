@@ -118,6 +118,7 @@ def _holding(cell: Controller, drivers: CellDrivers, now: float) -> None:
 def _held(cell: Controller, drivers: CellDrivers, now: float) -> None:
     """The machine stands; one that was let go at its own panel is held again."""
     shut_powder_in_time(cell, now)
+    cell.spindle.advance(now)
     status = drivers.cnc.status
     if status is not None and status.state == "Run":
         cell.quiesce.advance(now)
@@ -132,7 +133,7 @@ def _resuming(cell: Controller, drivers: CellDrivers, now: float) -> None:
         return
     if cell.transaction is None:
         to_nozzle(cell)
-        cell.transaction = Transaction([*run.restore(), _motion_again(cell, drivers, now)])
+        cell.transaction = Transaction([*cell.spindle.settled(), *run.restore(), _motion_again(cell, drivers, now)])
     if cell.transaction.advance(now):
         cell.go(T.MOVED, "the job goes on")
 
@@ -173,6 +174,7 @@ def _latched(cell: Controller, drivers: CellDrivers, now: float) -> None:
     if cell.is_cnc_alive:
         quiesce.advance(now)
     shut_powder_in_time(cell, now)
+    cell.spindle.advance(now)
     if quiesce.outcome and (quiesce.is_reset or not cell.is_cnc_alive):
         cell.end_run(quiesce.outcome)
     if quiesce.is_clear and cell.run is None:

@@ -23,6 +23,7 @@ from cellctl.cell.record import END, Found, Journal
 from cellctl.cell.retract import Retract
 from cellctl.cell.safety import Senses, Situation, Told
 from cellctl.cell.sampling import Sampling
+from cellctl.cell.spindle_watch import SpindleWatch
 from cellctl.cell.stream import Run
 from cellctl.cell.surroundings import Position, TableWatch
 from cellctl.cell.tip import TipFinder
@@ -93,6 +94,7 @@ class Controller:
         self.way_back: Rollback | None = None  # of a guarded sequence that a fault broke off
         self.retract = Retract(self)
         self.gate = Gate(self)
+        self.spindle = SpindleWatch(self)
         self.powder_until: float | None = None  # wire time at which powder that a reaction let flow on is shut
         self._sampling = Sampling(self)
         self._recover()

@@ -16,7 +16,7 @@ from sim.cnc.parser import strip_line, words_of
 from sim.cnc.system import run_system_command
 
 STATES = {
-    Suspend.HOLD: "Hold", Suspend.STOP: "Hold", Suspend.SOFT_LIMIT: "Hold", Suspend.JOG_CANCEL: "Jog",
+    Suspend.HOLD: "Hold", Suspend.SPINDLE: "Hold", Suspend.STOP: "Hold", Suspend.SOFT_LIMIT: "Hold", Suspend.JOG_CANCEL: "Jog",
     Suspend.DOOR: "Door", Suspend.RESTORE: "Door",
 }  # fmt: skip
 AUTO_REPORT_S = 0.2

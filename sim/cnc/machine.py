@@ -31,6 +31,7 @@ class Suspend(Enum):
     JOG_CANCEL = 4
     STOP = 5
     SOFT_LIMIT = 6
+    SPINDLE = 7
 
 
 class Machine:
@@ -183,7 +184,7 @@ class Machine:
     def _wait(self, left: float) -> float:
         """Let time go by at standstill, at most until a timer is up."""
         used = left
-        if self.suspend is Suspend.RESTORE:
+        if self.suspend in (Suspend.RESTORE, Suspend.SPINDLE):
             used = min(left, self._restore_s)
             self._restore_s -= used
             if self._restore_s <= TIME_EPS_S:
@@ -247,7 +248,7 @@ class Machine:
             self.cut()
             self.raise_alarm(codes.ALARM_HOMING_DOOR)
             self._on_flush()
-        elif is_open and not self.alarm and self.suspend in (Suspend.NONE, Suspend.HOLD, Suspend.RESTORE):
+        elif is_open and not self.alarm and self.suspend in (Suspend.NONE, Suspend.HOLD, Suspend.RESTORE, Suspend.SPINDLE):
             self._brake(Suspend.DOOR)
 
     def safety_door(self) -> None:
@@ -256,15 +257,25 @@ class Machine:
             self._brake(Suspend.DOOR)
 
     def resume(self) -> None:
-        """`~`: only from standstill, and with the door closed."""
+        """`~`: only from standstill, and with the door closed. A spindle that was stopped turns again before anything moves.
+
+        Source: grbl 1.1, "Real-time commands": toggle spindle stop (0x9E), in HOLD alone; a cycle start restores the spindle, waits, then moves.
+        """
         if self.is_braking:
             return
         if self.suspend is Suspend.DOOR and not self.is_door_open:
             self.suspend = Suspend.RESTORE if self.spindle_command_rpm else Suspend.NONE
-            self._restore_s = DOOR_RESTORE_S
+            self._restore_s = self._run_up_s()
         elif self.suspend is Suspend.HOLD:
-            self.suspend = Suspend.NONE
+            is_restored = self.is_spindle_stopped and self.spindle_command_rpm != 0.0
+            self.suspend = Suspend.SPINDLE if is_restored else Suspend.NONE
+            self._restore_s = self._run_up_s()
             self.is_spindle_stopped = False
+
+    def _run_up_s(self) -> float:
+        """Time that the firmware is set to wait for a spindle that it restores: as long as this one takes from where it is."""
+        change = abs(self.spindle_command_rpm * self.spindle_override - self.spindle_rpm)
+        return max(DOOR_RESTORE_S, change / SPINDLE_RPM_PER_S)
 
     def _brake(self, why: Suspend) -> None:
         self.suspend = why
