@@ -13,6 +13,7 @@ import structlog
 import uvicorn
 
 from cellctl import faults
+from cellctl.allocator import keep_little
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Settings
 from cellctl.planning.worker import end_with
@@ -83,6 +84,7 @@ def configure_log() -> None:
 def main() -> int:
     """Run; 2 for facts or a store that cannot be used."""
     configure_log()
+    keep_little()
     try:
         asyncio.run(serve(arguments(sys.argv[1:])))
     except (StoreError, ConfigError) as error:

@@ -12,10 +12,12 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import structlog
 
+from cellctl.allocator import keep_little
 from cellctl.cell.black_box import box_file
 from cellctl.cell.commands import Commands
 from cellctl.cell.connect import CellWires, Connection
@@ -24,7 +26,7 @@ from cellctl.cell.ipc import IpcServer
 from cellctl.cell.program_reader import ProgramReader
 from cellctl.cell.record import Journal, StoreError
 from cellctl.cell.stop_listener import StopListener
-from cellctl.cell.tick import Beat, Ticker, be_urgent
+from cellctl.cell.tick import HELPER_PRIORITY, Beat, Ticker, be_urgent
 from cellctl.cell.view import snapshot
 from cellctl.domain.messages import Command
 from config.base import ConfigError
@@ -36,6 +38,8 @@ from drivers.transport.line_loop import LineLoop
 from planner.errors import PlannerError
 
 SNAPSHOT_S = 0.1
+SWITCH_S = 0.0005  # how long a thread that computes may keep the tick waiting
+HELPERS = 4  # threads that open programs and look names up
 SELECT_DESCRIPTORS = 1024  # FD_SETSIZE of the C library
 log = structlog.get_logger()
 
@@ -67,7 +71,9 @@ class CellProcess:
         loop = asyncio.get_running_loop()
         self._journal.on_committed = lambda events: _on_loop(loop, lambda: self._ipc.broadcast(events))
         self._journal.on_failure = lambda line: _on_loop(loop, lambda: self.controller.fault("store", line))
-        self._journal.start()
+        sys.setswitchinterval(SWITCH_S)
+        loop.set_default_executor(ThreadPoolExecutor(HELPERS, "helper", _be_prompt))
+        self._journal.start(_be_prompt)
         self._beat.scheduler = be_urgent()
         log.info("scheduler", scheduler=self._beat.scheduler, tick_s=self.cell.limits.tick_s)
         try:
@@ -154,6 +160,11 @@ class CellProcess:
         return self.controller.state.value
 
 
+def _be_prompt() -> None:
+    """For a thread beside the tick's: while it holds the interpreter the tick waits for it, so it must not wait for ordinary processes."""
+    be_urgent(HELPER_PRIORITY)
+
+
 def _on_loop(loop: asyncio.AbstractEventLoop, call: object) -> None:
     with contextlib.suppress(RuntimeError):  # the loop has closed: nobody listens any more
         loop.call_soon_threadsafe(call)  # type: ignore[arg-type]
@@ -189,6 +200,7 @@ def main(arguments: list[str] | None = None) -> int:
                     structlog.processors.JSONRenderer()],
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
     )  # fmt: skip
+    keep_little()
     _limit_descriptors()
     try:
         given.run.mkdir(parents=True, exist_ok=True)

@@ -38,13 +38,14 @@ def block_sums(path: Path) -> list[int]:
 
 
 def _block_sum(handle: int, start: int) -> int:
-    total, buffer = 0, bytearray(PIECE_BYTES)
-    view = memoryview(buffer)
-    for place in range(start, start + BLOCK_BYTES, PIECE_BYTES):
-        count = os.preadv(handle, [buffer], place)
-        total = zlib.crc32(view[:count], total)
-        if count < PIECE_BYTES:
-            break
+    total = 0
+    with mmap.mmap(-1, PIECE_BYTES) as buffer, memoryview(buffer) as view:  # given back to the system at once
+        for place in range(start, start + BLOCK_BYTES, PIECE_BYTES):
+            count = os.preadv(handle, [buffer], place)
+            with view[:count] as piece:
+                total = zlib.crc32(piece, total)
+            if count < PIECE_BYTES:
+                break
     return total
 
 

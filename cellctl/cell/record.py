@@ -118,9 +118,9 @@ class Journal:
         """What an earlier process left: unfinished runs, answered commands, latched alarms."""
         return find(self._db, self.box)
 
-    def start(self) -> None:
-        """Commit from a thread of its own from now on."""
-        self._thread = threading.Thread(target=self._run, name="journal")
+    def start(self, first: Callable[[], None] = lambda: None) -> None:
+        """Commit from a thread of its own from now on, which calls `first` first."""
+        self._thread = threading.Thread(target=self._run, args=(first,), name="journal")
         self._thread.start()
 
     def event(self, event: Event) -> None:
@@ -264,8 +264,9 @@ class Journal:
         )
         return [Event(row[0], row[1], row[2], row[3], row[4], json.loads(row[5])) for row in rows]
 
-    def _run(self) -> None:
+    def _run(self, first: Callable[[], None]) -> None:
         """Commit what is queued at once, then let a while go by in which rows gather; a command does not wait for that."""
+        first()
         kept_at = time.monotonic()
         while True:
             self._wake.wait()

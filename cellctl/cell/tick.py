@@ -15,6 +15,7 @@ CLOCK_MONOTONIC = 1
 TFD_NONBLOCK = 0o4000
 TFD_CLOEXEC = 0o2000000
 FIFO_PRIORITY = 40  # above every ordinary process, below the kernel's own threads
+HELPER_PRIORITY = 1  # of threads that the tick may have to wait for
 WINDOW = 3000  # beats over which jitter is stated: 30 s at 100 Hz
 
 
@@ -44,13 +45,13 @@ def open_timer(period_s: float) -> int:
     return fd
 
 
-def be_urgent() -> str:
+def be_urgent(priority: int = FIFO_PRIORITY) -> str:
     """Ask for SCHED_FIFO for this thread alone, not for threads and processes that it starts; the name of the scheduler that holds."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(FIFO_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
         return f"SCHED_OTHER (SCHED_FIFO refused: {error.strerror})"
-    return f"SCHED_FIFO {FIFO_PRIORITY}"
+    return f"SCHED_FIFO {priority}"
 
 
 class Beat:
