@@ -29,7 +29,7 @@ from drivers.cnc.wire import Wire
 from drivers.errors import CommandRefused, DriverError, LinkLost, RangeError_
 from drivers.interfaces import BytePort, Clock
 
-QUERY_PERIOD_MIN_S = 0.1  # firmwares answer status at most 10 times a second without disturbing motion
+QUERY_PERIOD_MIN_S = {"grbl": 0.1, "grblhal": 0.05}  # on 8 bits motion is disturbed by more than 10 reports a second (grbl 1.1, Interface)
 REPORT_BYTES = 100  # of a long status report
 REPORT_SHARE = 0.5  # of a slow line that reports may take on the way back: the rest is for answers
 NEXT_ANSWER_S = 0.02  # a query waits at most this long for the next answer, so that its report does not keep one waiting
@@ -64,7 +64,7 @@ class CncLine:
         self._events: list[CncEvent] = []
         self._has_news = False  # among them are others than LineAccepted
         self._lost = ""
-        self._query_s = max(QUERY_PERIOD_MIN_S, facts.status_period_s, REPORT_BYTES * BITS_PER_BYTE / facts.baud / REPORT_SHARE)
+        self._query_s = max(QUERY_PERIOD_MIN_S[facts.firmware], facts.status_period_s, REPORT_BYTES * BITS_PER_BYTE / facts.baud / REPORT_SHARE)
         self._asked_at = -math.inf  # last status query
         self._read_at = -math.inf  # the port was looked at last
         self._tight_bytes = TIGHT_S * facts.baud / BITS_PER_BYTE
