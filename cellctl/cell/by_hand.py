@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import structlog
 
+from cellctl.cell.gate import SHUT_S
 from cellctl.cell.jog import Jog, asked_jog, is_retract
 from cellctl.cell.preconditions import check_devices
 from cellctl.cell.refusal import Refused
@@ -16,7 +17,7 @@ from cellctl.domain.messages import Command
 from cellctl.domain.states import State, Trigger, after
 from drivers.cell_wires import CellDrivers
 from drivers.cnc.events import Status
-from drivers.errors import CommandRefused, DeviceSilent, DriverError, LinkError
+from drivers.errors import CommandRefused, DeviceFault, DeviceSilent, DriverError, LinkError
 
 if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
@@ -108,6 +109,9 @@ class ByHand:
 
     async def _home(self, drivers: CellDrivers) -> None:
         if await self._is_safe(drivers, "homing", parks=True):
+            await self._shut_gate(drivers)
+            if self._c.state is not S.HOMING:
+                return
             self._c.homing_watch.asked(self._c.times.wire.now())
             await drivers.cnc.home()
             homed_at = self._c.times.wire.now()  # reports that were formed before may still tell the lock that homing has opened
@@ -115,6 +119,22 @@ class ByHand:
             if self._c.state is S.HOMING:
                 self._c.position.trust("homed")
                 self._c.go(T.HOMED, "homed")
+
+    async def _shut_gate(self, drivers: CellDrivers) -> None:
+        """A locked control takes no M65: it is unlocked for that alone, and homes next. One that may not be unlocked homes as it stands.
+
+        Nothing hangs on it but the second lock: the laser's permit is off and was read back before.
+        """
+        c = self._c
+        if c.gate.is_shut or self._status is None or self._status.state != "Alarm":
+            return
+        c.position.suspect("the machine was unlocked to shut the laser's gate, and homing has not ended")
+        try:
+            await drivers.cnc.unlock()
+        except DeviceFault as error:
+            c.event("gate", f"the laser's gate is shut after homing only: {error.message}", {"why": error.message})
+            return
+        await drivers.cnc.wait_until(lambda: c.gate.is_shut or c.state is not S.HOMING, SHUT_S)
 
     async def _jog(self, drivers: CellDrivers, jog: Jog) -> None:
         c = self._c
