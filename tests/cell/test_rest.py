@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,8 +75,9 @@ def until(is_so: Callable[[], Any], seconds: float = START_S) -> Any:
         time.sleep(POLL_S)
 
 
-@pytest.fixture(scope="module")
-def plant() -> Iterator[Plant]:
+@contextmanager
+def served_plant(time_scale: float) -> Iterator[Plant]:
+    """A simulated cell and its service, each its own process, ended afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="cellctl-rest-"))  # short: sockets have names of at most 107 bytes
     children = []
     try:
@@ -83,7 +85,7 @@ def plant() -> Iterator[Plant]:
         given.write_text(tomli_w.dumps(to_be_simulated(load_cell("trunnion_tcp"))))
         run = folder / "run"
         children.append(
-            spawn(folder, "sim", ["-m", "sim", "--cell", str(given), "--run", str(run), "--time-scale", "20"])
+            spawn(folder, "sim", ["-m", "sim", "--cell", str(given), "--run", str(run), "--time-scale", f"{time_scale:g}"])
         )
         until(lambda: (run / "sim.sock").exists() and (run / "cell.toml").exists())
         words = [
@@ -112,6 +114,12 @@ def plant() -> Iterator[Plant]:
             child.terminate()
             child.wait(END_S)
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="module")
+def plant() -> Iterator[Plant]:
+    with served_plant(20.0) as one:
+        yield one
 
 
 def spawn(folder: Path, name: str, words: list[str]) -> subprocess.Popen[bytes]:
