@@ -128,7 +128,7 @@ async def test_laser_feeder_and_head_do_at_the_plant_what_is_asked(cell: str, tm
 async def test_door_estop_and_fault_words_come_through(cell: str, tmp_path: Path) -> None:
     async with bench_of(cell, tmp_path) as bench:
         await bench.ready()
-        assert bench.drivers.io.door_closed and bench.drivers.io.estop_ok
+        await bench.until(lambda: bench.drivers.io.door_closed and bench.drivers.io.estop_ok)
         bench.world.open_door()
         await bench.until(lambda: not bench.drivers.io.door_closed)
         await bench.until(lambda: "door interlock open" in bench.drivers.laser.interlocks)
