@@ -35,7 +35,7 @@ RECIPE: dict[str, Any] = {"process": "deposit", "tolerance_mm": 0.5}
 
 @dataclass(frozen=True)
 class Posted:
-    """Files of a wall of two beads on each other, planned and posted for a cell."""
+    """Files of a part, planned and posted for a cell."""
 
     mesh: Path
     plan: Path
@@ -43,13 +43,19 @@ class Posted:
     program: Path
     posted: Program
     layers: int
+    recipe: dict[str, Any]
 
 
 def wall_in(folder: Path, cell: Cell) -> Posted:
-    """Plan and post it; its files go into the folder."""
+    """Two beads on each other, planned and posted; the files go into the folder."""
+    return box_in(folder, cell, (8.0, 2.4, 1.6), RECIPE)
+
+
+def box_in(folder: Path, cell: Cell, size_mm: tuple[float, float, float], recipe: dict[str, Any]) -> Posted:
+    """A box, planned and posted; the files go into the folder."""
     mesh = folder / "wall.stl"
-    trimesh.creation.box((8.0, 2.4, 1.6)).export(mesh)
-    plan = planner.plan(load(mesh, "mm"), Recipe(**RECIPE))
+    trimesh.creation.box(size_mm).export(mesh)
+    plan = planner.plan(load(mesh, "mm"), Recipe(**recipe))
     program = planner.post(plan, cell)
     view = folder / "view"
     view.mkdir()
@@ -60,7 +66,7 @@ def wall_in(folder: Path, cell: Cell) -> Posted:
     write_program(program, folder / "program")
     digest = hashlib.sha256((folder / "program" / "program.json").read_bytes()).hexdigest()
     write_form(program, cell, form_beside(folder / "program"), digest)
-    return Posted(mesh, folder / "plan.h5", view, folder / "program", program, len(plan.layers))
+    return Posted(mesh, folder / "plan.h5", view, folder / "program", program, len(plan.layers), recipe)
 
 
 def bead_of(program: Program, layer: int = 0) -> int:
@@ -85,7 +91,7 @@ def interrupted_job(store: Store, made: Posted, line: int, fraction: float = 0.5
     now = store.clock()
     inspection = Inspection(MESH_SHA256, [[-4, -1.2, -0.8], [4, 1.2, 0.8]], 12, 30.72, [])
     part = PartRow(new_id("part", now), name, ".stl", "mm", sha256, len(data), now, "me", inspection)
-    toml = tomli_w.dumps(Recipe(**RECIPE).model_dump(mode="json", exclude_none=True))
+    toml = tomli_w.dumps(Recipe(**made.recipe).model_dump(mode="json", exclude_none=True))
     row = JobRow(
         new_id("job", now), name, part.id, made.posted.cell_name, toml, "316L", now, "me", JobState.INTERRUPTED, plan_sha256=plan_sha256,
         program_sha256=program_sha256, layers=made.layers, lines_total=len(made.posted.lines), lines_executed=line, approved_by="me",
