@@ -309,7 +309,9 @@ class Run:
         if self.mode == DEPOSIT:
             return self._deposit_again()
         if self.mode == MILL:
-            tool = self.tool_at(self.line + 1) if asked_tool(self, self._d) is None else None  # the control takes its number up behind its pause
+            # A tool change that is next or under way has not been carried out; the control takes a tool's number up behind its pause.
+            is_changing = self.row["kind"] == LineKind.TOOL or asked_tool(self, self._d) is not None
+            tool = None if is_changing else self.tool_at(self.line + 1)
             return self._modes.cutting(tool, self.offset, speed_at(self._speeds, self.line))
         return []
 
