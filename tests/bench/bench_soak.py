@@ -5,6 +5,7 @@ SOAK_HOURS says how many simulated hours (both cells together): 8 are 24 minutes
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -16,10 +17,13 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from cellctl.cell.program_form import form_beside, write_form
 from cellctl.demo import to_be_simulated
 from cellctl.store.engine import DATABASE
+from config.cell import Cell as Facts
 from config.cell import load_cell
 from planner.files import write_program
+from planner.program import Program
 from tests.bench.served import END_S, Served, as_hardware, serve
 from tests.bench.soak_books import errors_in, outcomes, sizes
 from tests.bench.soak_day import Day
@@ -34,7 +38,7 @@ IN_PROCESS_TIME = {"response": ("powder_delay_s", "powder_settle_s"), "limits": 
 """What the cell process waits for on the clock although it goes with the process, which is faster here."""
 
 WALLS = ((6, 120.0, 60), (3, 90.0, 400), (8, 60.0, 20))
-"""Layers, length (mm) and lines per bead of the programs that take turns; each is milled at the end."""
+"""Layers, length (mm) and lines per bead of the programs that take turns, the first from a file; each is milled at the end."""
 
 GROWTH_MB_H = 1.0  # per simulated hour behind the warm-up: 8 h then cost less than a tenth of what a process holds
 MORE_DESCRIPTORS = 4  # between the fewest of the first and of the last quarter: two connections of a pool, less than one per run
@@ -83,13 +87,20 @@ def site(cell: str) -> Iterator[tuple[Served, list[Path], Watch]]:
         programs = []
         for k, (layers, length_mm, pieces) in enumerate(WALLS):
             programs.append(folder / f"program-{k}")
-            write_program(one_wall(facts, layers=layers, length_mm=length_mm, pieces=pieces, dwell_s=1.0), programs[-1])
+            _store_program(one_wall(facts, layers=layers, length_mm=length_mm, pieces=pieces, dwell_s=1.0), facts, programs[-1], is_ready=k > 0)
         with serve(run, folder / "store", sim) as service:
             pids = {
                 "far end": sim.pid, "cell": service.cell_pid(), "web": child(service.service.pid, "cellctl.api"),
                 "supervisor": service.service.pid,
             }  # fmt: skip
             yield service, programs, Watch(pids, service.store / f"{DATABASE}-wal")
+
+
+def _store_program(program: Program, cell: Facts, folder: Path, *, is_ready: bool) -> None:
+    """Write a Program as the service stores it, with the form that a run opens; not ready, it comes from a file and the start makes its form."""
+    write_program(program, folder)
+    if is_ready:
+        write_form(program, cell, form_beside(folder), hashlib.sha256((folder / "program.json").read_bytes()).hexdigest())
 
 
 def _end(sim: subprocess.Popen[str]) -> None:
