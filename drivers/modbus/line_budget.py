@@ -1,4 +1,4 @@
-"""Whether one Modbus line reads everything often enough: the requests of its longest round, their time on the wire, and the stale limits."""
+"""Whether one Modbus line reads everything often enough, and whether its dead-men outlast a lost answer: requests, and their time on the wire."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from config.cell import Cell, Link
 from config.device import Device, Role
+from drivers.modbus.beats import LOST_TIMEOUTS, Beats
 from drivers.modbus.client import BITS_PER_CHARACTER, FRAME_GAP_CHARACTERS, FRAME_GAP_MIN_S
 from drivers.modbus.registers import Span, spans
 
@@ -28,7 +29,7 @@ def write_s(device: Device, link: Link) -> float:
 def worst_ages_s(devices: Mapping[Role, Device], links: Mapping[Role, Link]) -> dict[tuple[Role, Span], float]:
     """Age (s) that readings of each span reach at worst, by role, on a line that these devices share.
 
-    A round: every span once, contacts of an I/O coupler once more in between, a heartbeat of each device, and SET_POINTS.
+    A round: every span once, contacts of an I/O coupler once more in between, the heartbeats that come due meanwhile, and SET_POINTS.
     """
     reads = {
         (role, span): read_s(span, device, links[role])
@@ -39,14 +40,29 @@ def worst_ages_s(devices: Mapping[Role, Device], links: Mapping[Role, Link]) -> 
     round_s = sum(reads.values()) + sum(writes) + SET_POINTS * max(writes)
     if len(devices) > 1:
         round_s += sum(taken for (role, span), taken in reads.items() if devices[role].role == "io" and span.table == "discrete")
+    is_shared = len(devices) > 1
+    more = {role: int(round_s / Beats(device).period_s(is_shared=is_shared)) for role, device in devices.items()}
+    round_s += sum(count * write_s(devices[role], links[role]) for role, count in more.items())
     return {which: round_s + taken for which, taken in reads.items()}
 
 
+def dead_man_needs_s(role: Role, devices: Mapping[Role, Device], links: Mapping[Role, Link]) -> float:
+    """Least dead-man (s) of one device on a line that outlasts an answer that is lost there, of whichever device: by role as above.
+
+    The heartbeat before it is a period old, and one request; on RTU the lost one is waited out as well.
+    """
+    is_shared = len(devices) > 1
+    longest_s = max(write_s(device, links[each]) for each, device in devices.items())
+    lost_s = max(device.timeout_s for device in devices.values()) * (LOST_TIMEOUTS if links[role].transport == "rtu" else 1.0)
+    return Beats(devices[role]).period_s(is_shared=is_shared) + longest_s + lost_s + write_s(devices[role], links[role])
+
+
 def complaints(cell: Cell, devices: Mapping[Role, Device]) -> list[str]:
-    """One line for each line of the cell that cannot keep a stale limit, with what to do; none when all can. devices : by role"""
+    """One line for each line of the cell that cannot keep a stale limit, or else a dead-man, with what to do; none when all can. devices : by role"""
     found = []
     for key, roles in lines_of_roles(cell).items():
-        ages = worst_ages_s({role: devices[role] for role in roles}, {role: cell.links[role] for role in roles})
+        there, links = {role: devices[role] for role in roles}, {role: cell.links[role] for role in roles}
+        ages = worst_ages_s(there, links)
         late = [
             (age - devices[role].registers[name].stale_s, age, role, name)
             for (role, span), age in ages.items()
@@ -61,6 +77,13 @@ def complaints(cell: Cell, devices: Mapping[Role, Device]) -> list[str]:
                 f"{key}: {role} {name} may be {1e3 * age:.0f} ms old between two readings, its stale_s is {limit_ms:.0f} ms; "
                 f"{remedy}, or raise stale_s in its register map"
             )
+        else:
+            found += [
+                f"{key}: one lost answer costs the dead-man of {role}: it needs {need_s:.2f} s, its dead_man_s is {devices[role].dead_man_s:g} s; "
+                "set it longer at the device and in its register map, or give the device a line of its own"
+                for role in roles
+                if (need_s := dead_man_needs_s(role, there, links)) > devices[role].dead_man_s
+            ]
     return found
 
 

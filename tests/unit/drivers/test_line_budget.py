@@ -90,3 +90,17 @@ async def test_readings_stay_younger_than_their_limit_while_set_points_change_al
     await laser.cycle()
     assert len(link.writes) >= began + WRITES
     assert max(ages) < laser.client.device.registers["emission"].stale_s
+
+
+@pytest.mark.parametrize("name", ["trunnion_tcp", "trunnion_rtu", "head_head", "head_table"])
+def test_dead_men_of_the_shipped_cells_outlast_a_lost_answer(name: str) -> None:
+    cell = load_cell(name)
+    assert complaints(cell, {role: load_device(link.device) for role, link in cell.links.items()}) == []
+
+
+def test_a_dead_man_that_a_lost_answer_on_a_shared_line_costs_is_told() -> None:
+    cell = load_cell("trunnion_rtu")
+    devices = {role: load_device(link.device) for role, link in cell.links.items()}
+    short = {**devices, "laser": load_device("laser_generic")}
+    (text,) = complaints(cell, short)
+    assert "dead-man of laser" in text and "0.25 s" in text
