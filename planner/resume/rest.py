@@ -46,7 +46,9 @@ def modal_before(lines: Sequence[str], line: int) -> Modal:
     motion: int | None = None
     mode: str | None = None
     feed: str | None = None
-    for text in reversed(lines[:line]):
+    for text in (lines[k] for k in range(line - 1, -1, -1)):
+        if "G" not in text and "F" not in text:
+            continue
         own = Modal(mode="94").after(text)
         said = Modal().after(text).mode
         motion = own.motion if motion is None else motion

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import resource
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +20,9 @@ from planner.plan import Plan
 from planner.post.reread import read
 from planner.program import LineKind, Program
 from planner.recipe import Recipe, load_recipe
+from planner.resume import ResumePoint
 from planner.resume.stretch import lit_lines
+from tests.bench.long_bead import long_bead
 from tests.bench.table import Cell, Table
 from tests.unit.planner.joints import joint_at, made_of
 from tests.unit.planner.small_parts import box, frustum, tube
@@ -27,6 +32,8 @@ PARTS = Path(__file__).resolve().parents[2] / "config" / "parts"
 CELL = load_cell("trunnion_tcp")
 RANDOM = 4  # instants of each part, by chance in time
 SEED = 7
+LINES = int(os.environ.get("BENCH_RESUME_LINES", "5000000"))
+CPU_US_A_LINE, MEMORY_MB = 4.0, 4096.0
 COLUMNS = (
     "part", "instant", "line", "share", "overlap mm", "joint high mm", "joint low mm", "elsewhere mm", "more metal mm3", "p99 whole mm",
     "p99 resumed mm", "findings", "extra s",
@@ -103,12 +110,32 @@ def rows(job: Job) -> Iterator[tuple[Cell, ...]]:
         )  # fmt: skip
 
 
+def rest_of_a_long_program() -> Table:
+    """What it takes to make the rest of a Program that was interrupted in its middle."""
+    program = long_bead(CELL, LINES)
+    before_mb, began, cpu = resident_mb(), time.monotonic(), time.process_time()
+    rest = planner.resume(program, CELL, ResumePoint.at(len(program.lines) // 2, 0.5), program_sha256="0" * 64)
+    took_s, cpu_s = time.monotonic() - began, time.process_time() - cpu
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before_mb
+    count = len(program.lines)
+    made: list[Cell] = [count, len(rest.lines), round(took_s, 1), round(cpu_s, 1), round(1e6 * cpu_s / count, 2), round(peak_mb)]
+    columns = ("lines", "lines of the rest", "s", "CPU s", "CPU us a line", "memory more MB")
+    return Table("Resume: the rest of a long program", columns, [made], f"bounds: {CPU_US_A_LINE:g} us a line, {MEMORY_MB:g} MB")
+
+
+def resident_mb() -> float:
+    """Memory of this process, MB."""
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
 def run() -> list[Table]:
-    """Table of all joints."""
+    """Table of all joints, and what a long program costs."""
+    long = rest_of_a_long_program()
     found = [row for job in jobs() for row in rows(job)]
     note = (
         "Stopped at a share of a line, cooled, resumed with the usual overlap and lead-in, in the twin. High and low: greatest distance of the "
         "surfaces within the overlap and 2.5 mm of the place (resumed beyond whole > 0); elsewhere: the greatest either way. Parts that are "
         "milled are compared when finished. Extra time: time until the stop and of the resumed program, less that of the whole."
     )
-    return [Table("Resume: the joint in the twin", COLUMNS, found, note)]
+    return [long, Table("Resume: the joint in the twin", COLUMNS, found, note)]
