@@ -63,10 +63,9 @@ def _take_over(site: Site) -> None:
 
 
 def _kill_all(site: Site) -> None:
-    cell, web = site.pid("cellctl.cell"), site.pid("cellctl.api")
     _kill_supervisor(site)
-    kill(cell)
-    kill(web)
+    kill(site.aimed["cellctl.cell"])
+    kill(site.aimed["cellctl.api"])
 
 
 def _lock(site: Site) -> None:
@@ -108,8 +107,8 @@ def _power_on(site: Site) -> None:
 
 STORE_WORDS = ("journal cannot be written", "journal")
 FAULTS = (
-    Fault("cell killed with -9", lambda site: kill(site.pid("cellctl.cell")), _restarted, ("cell process ended while a job ran",), "laser"),
-    Fault("web killed with -9", lambda site: kill(site.pid("cellctl.api")), _restarted),
+    Fault("cell killed with -9", lambda site: kill(site.aimed["cellctl.cell"]), _restarted, ("cell process ended while a job ran",), "laser"),
+    Fault("web killed with -9", lambda site: kill(site.aimed["cellctl.api"]), _restarted),
     Fault("supervisor killed with -9", _kill_supervisor, _take_over),
     Fault("supervisor, cell and web killed with -9", _kill_all, _take_over, ("cell process ended while a job ran",), "laser"),
     Fault("store locked for 7 s", _lock, _unlock, STORE_WORDS),
@@ -142,6 +141,7 @@ def play(site: Site, fault: Fault, situation: str, seed: int) -> Outcome:
     job = ""
     try:
         job = site.bring("depositing" if situation == "accepting" else situation, dice)
+        site.aim()
         struck = site.plant()["time_s"]
         if situation == "accepting":
             _accept(site, fault, dice)

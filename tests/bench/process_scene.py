@@ -97,6 +97,7 @@ class Site:
         self.service: subprocess.Popen[bytes] | None = None
         self.cell: Cell = load_cell(str(self.run / "cell.toml"))
         self.jobs = 0
+        self.aimed: dict[str, int] = {}
         for name, shape in (("depositing", {"length_mm": 160.0, "pieces": 400, "mill": False}), ("milling", {"length_mm": 12.0, "pieces": 20})):
             write_program(one_wall(self.cell, layers=1, **shape), folder / name)  # type: ignore[arg-type]
         self.folder = folder
@@ -131,6 +132,10 @@ class Site:
             return service is not None and self._document()["pid"] == service.pid
         except (OSError, ValueError):
             return False
+
+    def aim(self) -> None:
+        """Look for the processes that may be killed: what a strike does then takes no time."""
+        self.aimed = {module: self.pid(module) for module in ("cellctl.cell", "cellctl.api")}
 
     def pid(self, module: str) -> int:
         """Of the process that runs a module for this site, 0 without one."""
