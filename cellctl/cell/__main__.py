@@ -10,6 +10,7 @@ import os
 import resource
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -72,7 +73,8 @@ class CellProcess:
         self._journal.on_committed = lambda events: _on_loop(loop, lambda: self._ipc.broadcast(events))
         self._journal.on_failure = lambda line: _on_loop(loop, lambda: self.controller.fault("store", line))
         sys.setswitchinterval(SWITCH_S)
-        loop.set_default_executor(ThreadPoolExecutor(HELPERS, "helper", _be_prompt))
+        loop.set_default_executor(_helpers())
+        _watch_children_without_threads(loop)
         self._journal.start(_be_prompt)
         self._beat.scheduler = be_urgent()
         log.info("scheduler", scheduler=self._beat.scheduler, tick_s=self.cell.limits.tick_s)
@@ -163,6 +165,22 @@ class CellProcess:
 def _be_prompt() -> None:
     """For a thread beside the tick's: while it holds the interpreter the tick waits for it, so it must not wait for ordinary processes."""
     be_urgent(HELPER_PRIORITY)
+
+
+def _helpers() -> ThreadPoolExecutor:
+    """Threads that are there before the first tick: who starts one waits until an ordinary thread has had its turn."""
+    pool, all_there = ThreadPoolExecutor(HELPERS, "helper", _be_prompt), threading.Barrier(HELPERS)
+    for there in [pool.submit(all_there.wait) for _ in range(HELPERS)]:
+        there.result()
+    return pool
+
+
+def _watch_children_without_threads(loop: asyncio.AbstractEventLoop) -> None:
+    """Before Python 3.12 asyncio starts a thread for every process that it starts, and waits for it to begin."""
+    if sys.version_info < (3, 12) and hasattr(os, "pidfd_open"):
+        watcher = asyncio.PidfdChildWatcher()
+        watcher.attach_loop(loop)
+        asyncio.get_event_loop_policy().set_child_watcher(watcher)
 
 
 def _on_loop(loop: asyncio.AbstractEventLoop, call: object) -> None:
