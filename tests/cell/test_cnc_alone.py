@@ -18,8 +18,7 @@ def cell_with(status_period_s: float) -> Cell:
     return facts.model_copy(update={"cnc": facts.cnc.model_copy(update={"status_period_s": status_period_s})})
 
 
-@pytest.mark.parametrize("cause", ["feed hold", "door"])
-@pytest.mark.parametrize("status_period_s", [0.1, 0.05])
+@pytest.mark.parametrize(("cause", "status_period_s"), [("feed hold", 0.1), ("door", 0.05)])
 async def test_a_signal_of_the_cnc_alone_has_the_light_out_within_a_status_period(folder: Path, status_period_s: float, cause: str) -> None:
     async with CellUnderTest(folder / "s.db", cell=cell_with(status_period_s)) as cell:
         await cell.deposit(length_mm=60.0, mill=False, layers=1)
