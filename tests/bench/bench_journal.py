@@ -122,10 +122,10 @@ async def one_kill(bench: Bench, plant: Plant, k: int) -> tuple[float, float, fl
     bench.cell.send_signal(signal.SIGKILL)
     killed = time.monotonic()
     seen = [before, await plant.look()]
-    await bench.cell.wait()
-    while time.monotonic() < killed + DARK_S:
+    while time.monotonic() < killed + DARK_S:  # from the first moment on: the light lasts no longer than a busy machine may take to end a process
         seen.append(await plant.look())
         await asyncio.sleep(0.002)
+    await bench.cell.wait()
     truth = float(np.interp(killed, [one[0] for one in seen], [one[1] for one in seen]))
     lit = max((arc for _, arc, watts in seen if watts > LIT_W), default=truth)
     left = BlackBox(box_file(bench.run))
