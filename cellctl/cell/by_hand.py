@@ -202,7 +202,7 @@ class ByHand:
             if c.state is S.JOGGING and self._stands():
                 c.event("jog", f"the CNC refused the jog: {error.message}")
                 c.go(T.JOGGED, f"the CNC refused the jog: {error.message}")
-            elif c.state in BY_HAND and isinstance(error, CommandRefused) and self._is_held():
+            elif c.state in BY_HAND and isinstance(error, (CommandRefused, DeviceSilent)) and self._is_held():
                 c.fault("step_failed", "feed hold at the machine", "reset, then try again")
             elif c.state in BY_HAND:
                 c.fault(_code_of(error), error.message, error.hint)
