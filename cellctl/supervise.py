@@ -89,6 +89,7 @@ class Keeper:
     ending: bool = False
     failure: str = ""
     starts: int = field(default=0)
+    _starting: asyncio.Lock = field(default_factory=asyncio.Lock)
     has_worked: bool = False  # with this input: what it refuses later (a disk that is full, a store that is locked) will pass
 
     async def keep(self) -> None:
@@ -97,6 +98,27 @@ class Keeper:
         while not self.ending:
             await asyncio.sleep(delay)
             started = time.monotonic()
+            process = await self._start()
+            if process is None:
+                return
+            code = await process.wait()
+            lived = time.monotonic() - started
+            if self.ending:
+                return
+            self.has_worked = self.has_worked or lived > STEADY_S
+            if code == BAD_INPUT and not self.has_worked:
+                self.failure = last_line(self.log) or f"the {self.name} process cannot start"
+                return
+            delay = 0.0 if lived > LASTING_S and code else min(max(2 * delay, BACK_OFF_FIRST_S), BACK_OFF_MAX_S)  # 0: told to end, as we may be
+            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+            how += f", {last_line(self.log)}" if code == BAD_INPUT else ""
+            self.say(f"the {self.name} process {how}; it starts again in {delay:.1f} s (log: {self.log})")
+
+    async def _start(self) -> asyncio.subprocess.Process | None:
+        """The process; None if it is to end. Nobody ends the keeper while it is being started: it would be left behind."""
+        async with self._starting:
+            if self.ending:
+                return None
             self.starts += 1
             with self.log.open("ab") as log:
                 self.process = await asyncio.create_subprocess_exec(
@@ -105,23 +127,13 @@ class Keeper:
             if self.nice:
                 with suppress(OSError):
                     os.setpriority(os.PRIO_PROCESS, self.process.pid, self.nice)
-            code = await self.process.wait()
-            lived = time.monotonic() - started
-            if self.ending:
-                return
-            self.has_worked = self.has_worked or lived > STEADY_S
-            if code == BAD_INPUT and not self.has_worked:
-                self.failure = last_line(self.log) or f"the {self.name} process cannot start"
-                return
-            delay = 0.0 if lived > LASTING_S else min(max(2 * delay, BACK_OFF_FIRST_S), BACK_OFF_MAX_S)
-            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-            how += f", {last_line(self.log)}" if code == BAD_INPUT else ""
-            self.say(f"the {self.name} process {how}; it starts again in {delay:.1f} s (log: {self.log})")
+            return self.process
 
     async def end(self) -> None:
         """Ask it to end, kill it if it does not."""
         self.ending = True
-        process = self.process
+        async with self._starting:
+            process = self.process
         if process is None or process.returncode is not None:
             return
         with suppress(ProcessLookupError):

@@ -66,3 +66,13 @@ async def test_of_two_cell_processes_that_start_at_once_one_has_the_wires(tmp_pa
     await first.close()
     await second.start(tmp_path / "cell.sock")
     await second.close()
+
+
+async def test_keeper_that_is_ended_while_its_process_is_being_started_leaves_none_behind(tmp_path: Path) -> None:
+    one = keeper(tmp_path, "exec sleep 60", [])
+    keeping = asyncio.create_task(one.keep())
+    while not one.starts:
+        await asyncio.sleep(0)
+    await one.end()
+    await asyncio.wait_for(keeping, 20.0)
+    assert one.process is not None and one.process.returncode is not None
