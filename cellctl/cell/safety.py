@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.late_answers import why_late
 from cellctl.cell.modes import DEPOSIT, MILL
-from cellctl.domain.causes import SEPARATOR, cause_of_alarm, causes_of_interlocks, is_explained
+from cellctl.domain.causes import SEPARATOR, cause_of_alarm, causes_of_interlocks, is_explained, tells_of_heartbeat
 from cellctl.domain.interlocks import Levels, Signal, permissives
 from cellctl.domain.reactions import INTERLOCK_CAUSE
 from cellctl.domain.snapshot import Permissive
@@ -278,7 +278,7 @@ class Senses:
     def _device_fault(self, role: str, faults: Sequence[str]) -> tuple[str, str, str]:
         """What a device reports of itself; a dead-man that tripped because of the wire is told as what kept the heartbeat away."""
         text = SEPARATOR.join(faults)
-        if is_explained(f"{role}_fault", text, by=f"{role}_silent"):
+        if tells_of_heartbeat(text):
             at_fault, why = why_late(role, self._clients)
             if why:
                 return f"{at_fault}_silent", f"{why}; {role}: {text}", ""

@@ -46,7 +46,6 @@ EXPLAINS: dict[str, dict[str, re.Pattern[str]]] = {
     "laser_silent": {"laser_fault": HEARTBEAT_WORDS, "laser_lost": ANYTHING},
     "feeder_fault": {"feeder_lost": ANYTHING},
     "feeder_silent": {"feeder_fault": HEARTBEAT_WORDS, "feeder_lost": ANYTHING},
-    "io_silent": {"io_fault": HEARTBEAT_WORDS},
     "io_fault": {"head_position": ANYTHING, "io_lost": ANYTHING},
     "io_lost": {"head_position": ANYTHING, "io_fault": WRONG_VALUE},
 }
@@ -69,6 +68,11 @@ def causes_of_interlocks(texts: Sequence[str]) -> list[tuple[str, str]]:
 def cause_of_alarm(number: int | None) -> str:
     """Code of an alarm of the CNC. number : as the CNC tells it, None if it does not."""
     return CNC_ALARM_CAUSE.get(number, "cnc_alarm") if number is not None else "cnc_alarm"
+
+
+def tells_of_heartbeat(detail: str) -> bool:
+    """Whether all that a device reports of itself is a heartbeat that it missed."""
+    return all(HEARTBEAT_WORDS.search(part) for part in detail.split(SEPARATOR))
 
 
 def is_explained(code: str, detail: str, by: str) -> bool:

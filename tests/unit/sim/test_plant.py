@@ -129,13 +129,16 @@ def test_dead_man_runs_on_wire_time() -> None:
     world = new_world(dead_man=True, time_scale=20.0)
     world.laser.write("heartbeat", 1.0)
     world.feeder.write("heartbeat", 1.0)
+    laser_s, feeder_s = world.laser.device.dead_man_s, world.feeder.device.dead_man_s
     deposit_along_x(world)
-    world.step(0.4 * 20.0 - 0.5)
+    world.step(0.8 * laser_s * 20.0 - 0.5)
     assert world.laser.is_emitting
     assert world.feeder.values["rate_setpoint"] == 6.0
-    world.step(0.15 * 20.0)
+    world.step(0.3 * laser_s * 20.0)
     assert not world.laser.is_emitting
     assert world.laser.values["fault_word"] == 1.0
+    assert world.feeder.values["rate_setpoint"] == (6.0 if 1.1 * laser_s < feeder_s else 0.0)
+    world.step((feeder_s - laser_s) * 20.0)
     assert world.feeder.values["rate_setpoint"] == 0.0
 
 
