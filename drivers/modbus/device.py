@@ -151,7 +151,8 @@ class DeviceClient(Wanted):
         """Write what differs from what was last taken; the first refusal, if any. Raises LinkError.
 
         What is next is chosen anew before every request: what turned safe meanwhile goes first, what is wanted no more goes never.
-        A reading that is about to grow stale goes before all but a gate that is shut and a heartbeat that is late.
+        A reading that is about to grow stale goes before all but a gate that is shut and a heartbeat that is late; a gate that is
+        switched at its own time goes before a heartbeat that is not.
         """
         error: DriverError | None = None
         refused: set[tuple[str, tuple[int, ...]]] = set()
@@ -161,7 +162,8 @@ class DeviceClient(Wanted):
             changed = [name for name, w in words.items() if self._written.get(name) != w and (name, tuple(w)) not in refused]
             to_safe = [name for name in changed if self.desired[name] == self._safe[name]]
             others = [name for name in changed if name not in to_safe]
-            if beat:
+            is_gate_first = self.clock.now() < self.beats.latest_at and any(self.device.registers[name].type == "bit" for name in changed)
+            if beat and not is_gate_first:
                 others.append(HEARTBEAT)
                 words[HEARTBEAT] = encode(self.device.registers[HEARTBEAT], self.heartbeat.following)
             group = next_group(self.device.registers, to_safe, others)

@@ -95,3 +95,21 @@ async def test_on_a_shared_line_one_lost_answer_of_another_device_does_not_cost_
     link.lost.add(3)
     await go_round(clients, clock, 5)
     assert not link.lost and max(link.gaps_s) < laser.device.dead_man_s
+
+
+@pytest.mark.parametrize(("age_share", "first"), [(0.25, "coil"), (0.35, "holding")])
+async def test_gate_that_is_switched_goes_before_a_heartbeat_that_may_wait_and_behind_one_that_may_not(age_share: float, first: str) -> None:
+    clients, link, clock = line(0.001, ALONE)
+    await go_round(clients, clock, 3)
+    asked: list[str] = []
+    write = link.write
+
+    async def noted(device_id: int, table: Table, address: int, values: list[int], sending: Callable[[], None] | None = None) -> None:
+        asked.append(table)
+        await write(device_id, table, address, values, sending)
+
+    link.write = noted  # type: ignore[method-assign]
+    clock.advance(clients[0].beats.at + age_share * clients[0].device.dead_man_s - clock.now())
+    clients[0].set("emission_permit", 1.0)
+    await clients[0].flush()
+    assert asked[0] == first and sorted(asked) == ["coil", "holding"]
