@@ -30,6 +30,14 @@ class SampleKeeping:
 
         A store that another process writes to, or that refuses, is left alone until the next step.
         """
+        try:
+            return self._step()
+        except sqlite3.Error:
+            if self._db.in_transaction:
+                self._db.execute("ROLLBACK")
+            return 0
+
+    def _step(self) -> int:
         newest = self._db.execute("SELECT max(id) FROM journal").fetchone()[0] or 0
         whole_from = newest - self._whole
         upto = min(self._thinned_to + STEP_IDS, whole_from)
@@ -46,10 +54,6 @@ class SampleKeeping:
             if oldest > 0:
                 removed += self._db.execute(DROP, (oldest,)).rowcount
             self._db.execute("COMMIT")
-        except sqlite3.Error:
-            if self._db.in_transaction:
-                self._db.execute("ROLLBACK")
-            return 0
         finally:
             self._db.execute(f"PRAGMA busy_timeout = {patience_ms}")
         if thinned < STEP_ROWS:

@@ -52,8 +52,10 @@ class LineSelector(selectors.EpollSelector):
         end = math.inf if timeout is None else now + timeout
         try:
             while (served := self._served) is not None:
-                if served.due_at <= now and served.write():
-                    break
+                if served.due_at <= now:
+                    if served.write():
+                        break
+                    now = time.monotonic()
                 until = served.due_at if served.due_at < end else end
                 watched = (self._own,) if served.is_patient or served.port is None else (self._own, served.port)
                 try:

@@ -67,6 +67,16 @@ def test_a_store_that_another_process_writes_to_is_left_alone_at_once(tmp_path: 
         assert keeping.step() == STEP_ROWS
 
 
+def test_a_store_that_cannot_be_read_is_left_alone_too(tmp_path: Path) -> None:
+    filled(tmp_path / "store.db", 2 * WHOLE)
+    with closing(sqlite3.connect(tmp_path / "store.db", isolation_level=None)) as db:
+        keeping = SampleKeeping(db, WHOLE)
+        db.execute("ALTER TABLE journal RENAME TO gone")
+        assert keeping.step() == 0
+        db.execute("ALTER TABLE gone RENAME TO journal")
+        assert keeping.step() > 0
+
+
 async def test_the_journals_own_thread_keeps_samples_bounded_while_commands_are_made_durable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(record, "KEEPING_S", 0.0)
     journal = Journal(tmp_path / "store.db", samples_kept=WHOLE)
