@@ -134,7 +134,7 @@ def laid(plant: Plant, job_id: str, folder: Path) -> Field:
     plant.client.command("hold", "to measure what was laid")
     until(lambda: plant.client.snapshot()["state"] in ("HELD", "FAULT"))
     plant.sim("as_built", dir=str(folder), name="bar", tolerance_mm=0.5, field=True)
-    assert plant.state(job_id) == "held"
+    until(lambda: plant.state(job_id) == "held")
     return read_field(folder / "as_built.npz")
 
 
