@@ -135,6 +135,7 @@ async def test_door_estop_and_fault_words_come_through(cell: str, tmp_path: Path
         bench.world.close_door()
         bench.world.faults.add("laser_fault 4")
         await bench.until(lambda: bench.drivers.io.door_closed and "back reflection" in bench.drivers.laser.faults)
+        assert bench.drivers.io.estop_ok and bench.drivers.laser.faults == ["back reflection"]
 
 
 async def test_dead_man_turns_the_laser_off_at_the_plant_when_the_driver_stops_its_cycles(tmp_path: Path) -> None:
