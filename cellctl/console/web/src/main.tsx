@@ -17,6 +17,9 @@ import "./styles/layout.css";
 import "./styles/machine.css";
 import "./styles/jobs.css";
 import "./styles/view.css";
+import "./styles/hand.css";
+import "./styles/parts.css";
+import "./styles/alarms.css";
 
 const RETRY_MS = 2000;
 

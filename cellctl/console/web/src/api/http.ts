@@ -1,6 +1,6 @@
 // Requests to the service. Whatever it refuses becomes a RequestError that carries its problem document.
 import type { Problem } from "./types";
-import { words } from "../words/en";
+import { words } from "../words";
 
 /** A refused or failed request, in words for the operator. status 0: no answer. */
 export class RequestError extends Error {

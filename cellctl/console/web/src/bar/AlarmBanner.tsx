@@ -3,7 +3,7 @@ import { useRef } from "preact/hooks";
 import { command, isStale, pending, snapshot } from "../state/cell";
 import { isLatched } from "../state/meaning";
 import { mayCommand, whyNot } from "../state/control";
-import { words } from "../words/en";
+import { words } from "../words";
 import { clock } from "../words/format";
 import { Sign } from "./Signs";
 

@@ -1,7 +1,7 @@
 // The bar that is always there: state, cause, what comes next, remaining time, and the controls.
 import { dataAge, isStale, snapshot } from "../state/cell";
 import { cause, next, tone } from "../state/meaning";
-import { words } from "../words/en";
+import { words } from "../words";
 import { age, duration } from "../words/format";
 import { Controls } from "./Controls";
 import { Sign } from "./Signs";

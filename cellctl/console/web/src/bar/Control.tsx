@@ -4,7 +4,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { isStale } from "../state/cell";
 import { askControl, control, holder, isAbsent } from "../state/control";
 import { isOperator } from "../state/session";
-import { words } from "../words/en";
+import { words } from "../words";
 
 const say = words.control;
 const asks = signal(false);

@@ -3,7 +3,7 @@ import { signal, type ReadonlySignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { command, isStale, pending, snapshot } from "../state/cell";
 import { mayCommand, whyNot } from "../state/control";
-import { words } from "../words/en";
+import { words } from "../words";
 import { Sign } from "./Signs";
 
 const say = words.bar;

@@ -3,19 +3,22 @@ import { signal } from "@preact/signals";
 import { AlarmBanner } from "../bar/AlarmBanner";
 import { Bar } from "../bar/Bar";
 import { Control } from "../bar/Control";
+import { Alarms } from "../alarms/Alarms";
+import { Hand } from "../hand/Hand";
 import { Jobs } from "../jobs/Jobs";
 import { EventLog } from "../log/EventLog";
 import { Machine } from "../machine/Machine";
 import { Trends } from "../machine/Trends";
+import { Parts } from "../parts/Parts";
 import { waiting } from "../state/jobs";
 import { session } from "../state/session";
 import { View3d } from "../view3d/View3d";
-import { words } from "../words/en";
+import { words } from "../words";
 import { Footer } from "./Footer";
 import { NoticeBox } from "./Notice";
 import { SignIn } from "./SignIn";
 
-const TABS = ["machine", "jobs", "log"] as const;
+const TABS = ["machine", "hand", "jobs", "parts", "alarms", "log"] as const;
 const tab = signal<(typeof TABS)[number]>("machine");
 
 export function App() {
@@ -35,7 +38,10 @@ export function App() {
           <Tabs />
           <div class="page" id="page" role="tabpanel" aria-labelledby={`tab-${tab.value}`} tabIndex={-1}>
             {tab.value === "machine" && <Machine />}
+            {tab.value === "hand" && <Hand />}
             {tab.value === "jobs" && <Jobs />}
+            {tab.value === "parts" && <Parts />}
+            {tab.value === "alarms" && <Alarms />}
             {tab.value === "log" && <EventLog />}
           </div>
         </div>

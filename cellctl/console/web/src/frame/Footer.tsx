@@ -3,7 +3,7 @@ import { isConnected, snapshot } from "../state/cell";
 import { told } from "../state/notices";
 import { session, signOut } from "../state/session";
 import { changeTheme, theme } from "../state/theme";
-import { words } from "../words/en";
+import { words } from "../words";
 
 const say = words.frame;
 

@@ -1,6 +1,6 @@
 // What could not be done.
 import { dismiss, notice } from "../state/notices";
-import { words } from "../words/en";
+import { words } from "../words";
 
 export function NoticeBox() {
   const now = notice.value;

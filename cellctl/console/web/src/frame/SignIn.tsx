@@ -2,7 +2,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { noticeOf, type Notice } from "../state/notices";
 import { hasEnded, signIn } from "../state/session";
-import { words } from "../words/en";
+import { words } from "../words";
 
 const say = words.signIn;
 

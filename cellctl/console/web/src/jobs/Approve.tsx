@@ -5,7 +5,7 @@ import type { Job } from "../api/types";
 import { takeJob } from "../state/jobs";
 import { told } from "../state/notices";
 import { isEngineer, isOperator } from "../state/session";
-import { words } from "../words/en";
+import { words } from "../words";
 
 const say = words.jobs;
 

@@ -1,6 +1,6 @@
 // What the twin found wrong: what, where, how deep, how often, and what would help.
 import type { ProofFinding } from "../api/types";
-import { words } from "../words/en";
+import { words } from "../words";
 import { fixed, whole } from "../words/format";
 
 const say = words.jobs;

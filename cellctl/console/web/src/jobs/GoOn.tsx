@@ -5,7 +5,7 @@ import type { Job, ResumptionPoint, Standpoint } from "../api/types";
 import { chosen, jobs, takeJob } from "../state/jobs";
 import { told } from "../state/notices";
 import { isOperator } from "../state/session";
-import { words } from "../words/en";
+import { words } from "../words";
 import { fixed, whole } from "../words/format";
 import { Texts } from "./JobDetail";
 

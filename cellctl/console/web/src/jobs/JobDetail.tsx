@@ -6,7 +6,7 @@ import { chosen, takeJob } from "../state/jobs";
 import { told } from "../state/notices";
 import { plan } from "../state/plan";
 import { isOperator } from "../state/session";
-import { words } from "../words/en";
+import { words } from "../words";
 import { duration, fixed, whole } from "../words/format";
 import { Approve } from "./Approve";
 import { GoOn } from "./GoOn";

@@ -1,5 +1,5 @@
 // A job's state as a word with a sign and a tone.
-import { words } from "../words/en";
+import { words } from "../words";
 
 const TONES: Record<string, string> = {
   waiting_for_approval: "hold",

@@ -3,7 +3,7 @@ import { signal } from "@preact/signals";
 import type { Job } from "../api/types";
 import { chosen, jobs, newestFirst } from "../state/jobs";
 import { isOperator } from "../state/session";
-import { words } from "../words/en";
+import { words } from "../words";
 import { duration } from "../words/format";
 import { JobDetail } from "./JobDetail";
 import { JobState } from "./JobState";

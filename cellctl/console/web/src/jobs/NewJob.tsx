@@ -4,7 +4,7 @@ import { get, newKey, post, postForm } from "../api/http";
 import type { Job, Page, Part } from "../api/types";
 import { takeJob } from "../state/jobs";
 import { noticeOf, type Notice } from "../state/notices";
-import { words } from "../words/en";
+import { words } from "../words";
 
 const say = words.submit;
 const ACCEPTED = ".stl,.3mf,.obj,.ply";

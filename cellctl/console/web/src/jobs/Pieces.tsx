@@ -1,6 +1,6 @@
 // How the plan divides the part: pieces, set-ups, and the ways to build it that were weighed.
 import type { Plan, Subcomponent } from "../api/types";
-import { words } from "../words/en";
+import { words } from "../words";
 import { fixed } from "../words/format";
 
 const say = words.jobs;

@@ -3,7 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { get } from "../api/http";
 import type { Job, ProgramHead } from "../api/types";
 import { told } from "../state/notices";
-import { words } from "../words/en";
+import { words } from "../words";
 import { duration, fixed, whole } from "../words/format";
 import { Other } from "./GoOn";
 

@@ -1,6 +1,6 @@
 // What happened, newest first.
 import { events } from "../state/cell";
-import { words } from "../words/en";
+import { words } from "../words";
 import { clock } from "../words/format";
 
 const say = words.log;

@@ -3,7 +3,7 @@ import { useRef } from "preact/hooks";
 import { command, isStale, pending, snapshot } from "../state/cell";
 import { facts } from "../state/plan";
 import { mayCommand, whyNot } from "../state/control";
-import { words } from "../words/en";
+import { words } from "../words";
 import { fixed } from "../words/format";
 
 const say = words.machine;

@@ -2,7 +2,7 @@
 import { snapshot } from "../state/cell";
 import { facts } from "../state/plan";
 import type { Lines } from "../api/types";
-import { words } from "../words/en";
+import { words } from "../words";
 import { fixed, whole } from "../words/format";
 
 const say = words.machine;

@@ -1,7 +1,7 @@
 // Conditions for the laser, interlocks, the age of every device's readings, and the safety tick.
 import type { IoView, Permissive, Snapshot } from "../api/types";
 import { dataAge, snapshot, STALE_S } from "../state/cell";
-import { words } from "../words/en";
+import { words } from "../words";
 import { age } from "../words/format";
 
 const say = words.machine;

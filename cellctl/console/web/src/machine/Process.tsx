@@ -1,7 +1,7 @@
 // Gas and hopper, and what laser and feeder complain about. Laser and powder themselves stand with their trends.
 import type { Snapshot } from "../api/types";
 import { snapshot } from "../state/cell";
-import { words } from "../words/en";
+import { words } from "../words";
 import { fixed } from "../words/format";
 
 const say = words.machine;

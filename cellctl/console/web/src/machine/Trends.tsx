@@ -6,7 +6,7 @@ import type { Snapshot } from "../api/types";
 import { isStale, snapshot } from "../state/cell";
 import { colour, theme } from "../state/theme";
 import { SPAN_S, trendNow, trends, type Series } from "../state/trends";
-import { words } from "../words/en";
+import { words } from "../words";
 import { fixed } from "../words/format";
 
 const say = words.trends;

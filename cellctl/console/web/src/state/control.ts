@@ -1,7 +1,7 @@
 // Who has control of the cell: this page, another client, or nobody yet.
 import { computed, effect } from "@preact/signals";
 import { clientId, post } from "../api/http";
-import { words } from "../words/en";
+import { words } from "../words";
 import { snapshot } from "./cell";
 import { told } from "./notices";
 import { isOperator, session } from "./session";

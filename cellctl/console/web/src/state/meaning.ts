@@ -1,6 +1,6 @@
 // What each state of the cell means for the person before it: a tone, a sign, and what comes next.
 import { computed } from "@preact/signals";
-import { words } from "../words/en";
+import { words } from "../words";
 import { snapshot } from "./cell";
 import { waiting } from "./jobs";
 import { operations, plan } from "./plan";

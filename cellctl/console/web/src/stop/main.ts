@@ -1,5 +1,5 @@
 // STOP: from the finger to the cell process's own listener, whatever the rest of the page does.
-import { stopWords as say } from "../words/en";
+import { stopWords as say } from "../words";
 
 const REPEAT_MS = 200; // until acknowledged
 const ANSWER_MS = 1000; // an attempt that takes longer is given up

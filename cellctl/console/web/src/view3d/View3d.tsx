@@ -6,7 +6,7 @@ import { isStale, snapshot } from "../state/cell";
 import { shown } from "../state/jobs";
 import { facts, operations, plan } from "../state/plan";
 import { theme } from "../state/theme";
-import { words } from "../words/en";
+import { words } from "../words";
 import { PlanView } from "./plan_view";
 import type { ViewName } from "./stage";
 

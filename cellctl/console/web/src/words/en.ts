@@ -1,5 +1,8 @@
 // Every word that the operator reads, in one language. Another language is another file of this shape.
+import { alarms as alarmPage } from "./alarms.en";
 import { goingOn } from "./going_on";
+import { hand } from "./hand.en";
+import { parts } from "./parts.en";
 
 /** The words of STOP stand apart: they are built into index.html with its script. */
 export const stopWords = {
@@ -21,6 +24,9 @@ const process: Record<string, string> = {
 };
 
 export const words = {
+  alarmPage,
+  hand,
+  parts,
   title: "Hybrid cell console",
   noScript: "This page needs JavaScript. The E-stop works in any case.",
   dash: "–",
@@ -137,7 +143,7 @@ export const words = {
     dark: "Dark",
     themeAria: "Change between dark and light",
     roles: { viewer: "viewer", operator: "operator", engineer: "engineer", admin: "admin" } as Record<string, string>,
-    tabs: { machine: "Machine", jobs: "Jobs", log: "Log" },
+    tabs: { machine: "Machine", hand: "By hand", jobs: "Jobs", parts: "Parts", alarms: "Alarms", log: "Log" },
     tabsAria: "Pages",
     dismiss: "Dismiss",
   },

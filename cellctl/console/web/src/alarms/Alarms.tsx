@@ -1,0 +1,5 @@
+// The page "alarms".
+
+export function Alarms() {
+  return <section class="alarms" />;
+}

@@ -1,0 +1,5 @@
+// The page "hand".
+
+export function Hand() {
+  return <section class="hand" />;
+}

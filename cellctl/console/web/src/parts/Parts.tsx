@@ -1,0 +1,5 @@
+// The page "parts".
+
+export function Parts() {
+  return <section class="parts" />;
+}

@@ -1,0 +1,3 @@
+// Words of the page "alarms".
+
+export const alarms = {};

@@ -1,0 +1,3 @@
+// Words of the page "hand".
+
+export const hand = {};

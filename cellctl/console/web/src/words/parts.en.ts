@@ -1,0 +1,3 @@
+// Words of the page "parts".
+
+export const parts = {};
