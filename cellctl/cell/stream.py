@@ -312,7 +312,9 @@ class Run:
             # A tool change that is next or under way has not been carried out; the control takes a tool's number up behind its pause.
             is_changing = self.row["kind"] == LineKind.TOOL or asked_tool(self, self._d) is not None
             tool = None if is_changing else self.tool_at(self.line + 1)
-            return self._modes.cutting(tool, self.offset, speed_at(self._speeds, self.line))
+            # Whether the line that is next or under way has set the spindle going, or stopped it, is not known; the first cut behind it asks.
+            before, after = (speed_at(self._speeds, index) for index in (self.line - 1, self.line))
+            return self._modes.cutting(tool, self.offset, after if before == after else 0.0)
         return []
 
     def _deposit_again(self) -> list[Step]:
