@@ -1,7 +1,9 @@
 // Puts the STOP button and its script into index.html itself, so that STOP needs nothing else of the page to load.
 import { fileURLToPath } from "node:url";
 import { build, type Plugin, type Rolldown } from "vite";
-import { stopWords, words } from "../src/words/en";
+import { words as german } from "../src/words/de";
+import { words } from "../src/words/en";
+import { STOP_WORDS } from "../src/words/stop";
 
 const ENTRY = fileURLToPath(new URL("../src/stop/main.ts", import.meta.url));
 
@@ -23,7 +25,7 @@ async function script(): Promise<string> {
 }
 
 function filled(html: string, code: string): string {
-  const texts: Record<string, string> = { title: words.title, noScript: words.noScript, stop: stopWords.label, stopAria: stopWords.aria };
+  const texts: Record<string, string> = { title: words.title, noScript: `${words.noScript} ${german.noScript}`, stop: STOP_WORDS.en.label, stopAria: STOP_WORDS.en.aria };
   const named = html.replace(/\{\{(\w+)\}\}/g, (_, name: string) => {
     const text = texts[name];
     if (text === undefined) throw new Error(`index.html: no word for ${name}`);

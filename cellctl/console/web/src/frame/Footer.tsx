@@ -1,18 +1,20 @@
-// Which cell, which connection, who is signed in.
+// Which cell, which connection, who is signed in, and the choices of this browser.
 import { isConnected, snapshot } from "../state/cell";
 import { told } from "../state/notices";
 import { session, signOut } from "../state/session";
 import { changeTheme, theme } from "../state/theme";
-import { words } from "../words";
+import { changeLanguage, words } from "../words";
+import { language, LANGUAGE_NAMES, LANGUAGES } from "../words/language";
 
 const say = words.frame;
+const OTHER = LANGUAGES.find((one) => one !== language) ?? language;
 
 export function Footer() {
   const now = snapshot.value;
   const person = session.value;
   return (
     <footer class="footer">
-      <span class={isConnected.value ? "link up" : "link down"}>
+      <span class={isConnected.value ? "feed up" : "feed down"}>
         <i aria-hidden="true">{isConnected.value ? "●" : "○"}</i> {isConnected.value ? say.connected : say.reconnecting}
       </span>
       <span>{now?.cell}</span>
@@ -24,6 +26,9 @@ export function Footer() {
           {person.name} · {say.roles[person.role] ?? person.role}
         </span>
       )}
+      <button type="button" class="small" aria-label={`${LANGUAGE_NAMES[OTHER]}: ${say.languageAria}`} onClick={() => void changeLanguage(OTHER).catch(told)}>
+        {LANGUAGE_NAMES[OTHER]}
+      </button>
       <button type="button" class="small" aria-label={say.themeAria} onClick={changeTheme}>
         {theme.value === "dark" ? say.light : say.dark}
       </button>

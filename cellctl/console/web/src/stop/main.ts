@@ -1,5 +1,6 @@
 // STOP: from the finger to the cell process's own listener, whatever the rest of the page does.
-import { stopWords as say } from "../words";
+import { language } from "../words/language";
+import { stopWords as say } from "../words/stop";
 
 const REPEAT_MS = 200; // until acknowledged
 const ANSWER_MS = 1000; // an attempt that takes longer is given up
@@ -97,4 +98,7 @@ button.addEventListener("pointerdown", pressed);
 button.addEventListener("click", (event) => {
   if (event.detail === 0) pressed(); // the keyboard; a pointer has already pressed
 });
+document.documentElement.lang = language;
+button.textContent = say.label;
+button.setAttribute("aria-label", say.aria);
 void ask();

@@ -4,16 +4,6 @@ import { goingOn } from "./going_on";
 import { hand } from "./hand.en";
 import { parts } from "./parts.en";
 
-/** The words of STOP stand apart: they are built into index.html with its script. */
-export const stopWords = {
-  label: "STOP",
-  aria: "STOP: laser, powder and motion off at once",
-  because: "STOP pressed at the console",
-  sent: "STOP sent …",
-  acknowledged: (ms: number, state: string) => `${state || "Acknowledged"} in ${ms < 10 ? ms.toFixed(1) : ms.toFixed(0)} ms`,
-  lost: (ms: number) => `NOT CONFIRMED (${(ms / 1000).toFixed(0)} s): use the E-stop`,
-};
-
 const process: Record<string, string> = {
   deposit_contour: "contour deposition",
   deposit_fill: "fill deposition",
@@ -39,7 +29,7 @@ export const words = {
     JOGGING: "Jogging",
     PREPARING: "Preparing",
     RUNNING: "Running",
-    HOLDING: "Stopping to hold",
+    HOLDING: "Holding",
     HELD: "Held",
     RESUMING: "Resuming",
     ABORTING: "Aborting",
@@ -146,6 +136,8 @@ export const words = {
     tabs: { machine: "Machine", hand: "By hand", jobs: "Jobs", parts: "Parts", alarms: "Alarms", log: "Log" },
     tabsAria: "Pages",
     dismiss: "Dismiss",
+    skip: "Go to the page",
+    languageAria: "Change the language to German",
   },
 
   machine: {

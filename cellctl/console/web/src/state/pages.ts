@@ -1,0 +1,24 @@
+// Which page is open, and which pages there are.
+import { computed, signal } from "@preact/signals";
+
+export type PageName = "machine" | "hand" | "jobs" | "parts" | "alarms" | "log";
+
+/** In the order of the rail. wide : the page takes the whole width; the 3-D view and the trends stand beside the others. */
+export const PAGES: readonly { name: PageName; wide: boolean }[] = [
+  { name: "machine", wide: false },
+  { name: "hand", wide: false },
+  { name: "jobs", wide: false },
+  { name: "parts", wide: true },
+  { name: "alarms", wide: true },
+  { name: "log", wide: true },
+];
+
+const opened = signal<PageName>("machine");
+
+export const page = computed(() => opened.value);
+export const isWide = computed(() => PAGES.some(({ name, wide }) => wide && name === opened.value));
+
+/** Open a page. */
+export function open(name: PageName): void {
+  opened.value = name;
+}

@@ -1,0 +1,4 @@
+// German words of the page "hand".
+import type { hand as english } from "./hand.en";
+
+export const hand: typeof english = {};
