@@ -28,6 +28,7 @@ from cellctl.store.pages import cursor_of, seq_of
 router = APIRouter(prefix="/api/v1/cell", tags=["cell"], responses=DOCUMENTED)
 ABSENT_HINT = "it is restarted by itself; if it stays away look at the service's log; the E-stop works in any case"
 STOP_TIMEOUT_S = 2.0
+PERCENTS = ("feed_percent", "laser_percent", "powder_percent")
 
 
 class Verb(StrEnum):
@@ -88,9 +89,11 @@ def list_events(
 
 def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
     """What the verb needs. Raises ApiError 422."""
-    if (verb is Verb.OVERRIDE) != (body.feed_percent is not None):
-        detail = "override needs feed_percent" if verb is Verb.OVERRIDE else f"feed_percent does not belong to {verb.value}"
-        raise ApiError(422, "The request does not fit", detail, "it is the feed in percent of the programmed one, for override alone")
+    percents = {name: value for name in PERCENTS if (value := getattr(body, name)) is not None}
+    if (verb is Verb.OVERRIDE) != bool(percents):
+        given = ", ".join(percents)
+        detail = f"override needs one of {', '.join(PERCENTS)}" if verb is Verb.OVERRIDE else f"{given} does not belong to {verb.value}"
+        raise ApiError(422, "The request does not fit", detail, "percent of what is programmed, for override alone")
     if verb is Verb.JOG:
         if body.axis is None or body.distance is None or body.feed is None:
             raise ApiError(
@@ -108,7 +111,7 @@ def _arguments(verb: Verb, body: CellCommand) -> dict[str, Any]:
         raise ApiError(
             422, "The request does not fit", f"job, table_clear and part_untouched do not belong to {verb.value}", "leave them out"
         )
-    return {"feed_percent": body.feed_percent} if verb is Verb.OVERRIDE else {}
+    return percents
 
 
 async def _stop_without_link(service: Service, person: Person, body: CellCommand) -> Reply:

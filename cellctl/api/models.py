@@ -150,6 +150,8 @@ class CellCommand(Strict):
     distance: float | None = Field(None, ge=-10_000, le=10_000)
     feed: float | None = Field(None, gt=0, le=100_000)
     feed_percent: int | None = Field(None, ge=10, le=200, description="override: of the programmed feed, 100 as programmed")
+    laser_percent: int | None = Field(None, ge=10, le=200, description="override: of the programmed power, within the snapshot's bounds")
+    powder_percent: int | None = Field(None, ge=10, le=200, description="override: of the programmed rate, within the snapshot's bounds")
     continuous: bool = Field(False, description="jog: until its end is told or jog/keep is not, in the sense of distance")
 
 

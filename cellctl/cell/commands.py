@@ -16,7 +16,9 @@ from cellctl.cell.answers import Answers
 from cellctl.cell.by_hand import ByHand
 from cellctl.cell.controller import Controller
 from cellctl.cell.gate import SHUT_S
+from cellctl.cell.hand_commands import HandCommands
 from cellctl.cell.left_in_light import told
+from cellctl.cell.overriding import overrides_of
 from cellctl.cell.preconditions import check_cnc, check_devices, check_program, still_there
 from cellctl.cell.record import END, RUN, StoreError
 from cellctl.cell.refusal import READINESS, STORE, Refused
@@ -58,17 +60,11 @@ class Commands:
             "abort": self._abort,
             "stop": self._stop,
             "reset": self._reset,
-            "home": self._home,
-            "unlock": self._unlock,
-            "confirm_position": self._confirm_position,
-            "jog": self._jog,
-            "override": self._override,
-            "jog_keep": self._jog_keep,
-            "jog_end": self._jog_end,
             "record": self._record,
             "take_control": self._take_control,
             "release_control": self._release_control,
             "present": self._present,
+            **HandCommands(controller, self._hands, self._drivers).verbs,
         }
         controller.control.on_taken = self._hands.end_jog
 
@@ -171,6 +167,7 @@ class Commands:
         check_program(program, c.cell, drivers, await drivers.cnc.work_offset())
         await drivers.cnc.wait_until(lambda: c.gate.is_shut, SHUT_S)
         c.gate.check()
+        overrides = await overrides_of(program, c.cell, drivers)
         if drivers.cnc.status is not None and drivers.cnc.status.overrides[0] != 100:  # of an earlier job: a new one begins as programmed
             drivers.cnc.feed_override(100)
         self._check_table(command)
@@ -181,7 +178,7 @@ class Commands:
         try:
             await c.journal.durable()
             self._check_start(stops)
-            run = Run(job, name, program, c.cell, drivers, c.modes, c.hand)
+            run = Run(job, name, program, c.cell, drivers, c.modes, c.hand, overrides)
             c.run, c.run_started_at, c.ended = run, c.times.wire.now(), None
             c.go(T.START, f"{name}: {command.because or 'started'}")
         except (WrongStateError, DriverError, Refused, StoreError):
@@ -268,17 +265,6 @@ class Commands:
                 c.quiesce.outcome = c.quiesce.outcome or "aborted"
         c.go(T.STOP, because or "STOP pressed")
 
-    async def _override(self, command: Command) -> dict[str, Any]:
-        """Feed override in percent of the programmed feed; the laser's power follows it below 100 % (power_share.py)."""
-        c, percent = self._c, command.args.get("feed_percent")
-        if isinstance(percent, bool) or not isinstance(percent, int):
-            raise Refused("override: feed_percent is needed", "give a whole number of percent, 100 as programmed")
-        drivers = self._drivers()
-        drivers.cnc.feed_override(percent)
-        if c.run is not None:
-            c.run.follower.command_override(percent / 100.0, c.times.wire.now())
-        return {"state": c.state.value, "feed_percent": percent}
-
     async def _reset(self, command: Command) -> dict[str, Any]:
         c = self._c
         if c.state not in LATCHED and not self._needs_reset():
@@ -311,35 +297,6 @@ class Commands:
         return bool(
             d.laser.faults or d.feeder.faults or (d.cnc.status is not None and d.cnc.status.state in ("Hold", "Door", "Alarm"))
         )
-
-    # -- by hand -------------------------------------------------------------------------------------------------------
-
-    async def _home(self, command: Command) -> dict[str, Any]:
-        if not is_reached(self._c.state, T.HOME):
-            after(self._c.state, T.HOME)
-            self._hands.home(command, self._drivers())
-        return {"state": self._c.state.value}
-
-    async def _unlock(self, command: Command) -> dict[str, Any]:
-        if not is_reached(self._c.state, T.UNLOCK):
-            after(self._c.state, T.UNLOCK)
-            await self._hands.unlock(command, self._drivers())
-        return {"state": self._c.state.value}
-
-    async def _confirm_position(self, command: Command) -> dict[str, Any]:
-        self._hands.confirm_position(command)
-        return {"state": self._c.state.value}
-
-    async def _jog(self, command: Command) -> dict[str, Any]:
-        jog = self._hands.start_jog(command, self._drivers())
-        return {"state": self._c.state.value, "repeat_s": self._c.cell.by_hand.jog_repeat_s if jog.is_continuous else 0.0}
-
-    async def _jog_keep(self, command: Command) -> dict[str, Any]:
-        return {"state": self._c.state.value, "is_jogging": self._hands.keep()}
-
-    async def _jog_end(self, command: Command) -> dict[str, Any]:
-        self._hands.end_jog("let go")
-        return {"state": self._c.state.value}
 
     # -- control -------------------------------------------------------------------------------------------------------
 

@@ -287,7 +287,8 @@ class Controller:
             run.is_run_expected(now),
             run.mode,
             run.tool_at(run.line),
-            run.wanted.powder_g_min,
+            run.overrides.powder_g_min(run.wanted.powder_g_min),
+            powder_before_g_min=run.overrides.flow_before_g_min(run.wanted.powder_g_min, now),
         )
 
     def _watch(self, now: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cellctl.domain.overrides import Overrides
 from drivers.cell_wires import CellDrivers
 from drivers.interfaces import Clock
 
@@ -14,6 +15,7 @@ class LaserHand:
         self._clock = clock
         self.power_wanted_w = 0.0
         self.factor = 1.0
+        self.overrides = Overrides()  # of the run
         self.is_permitted = False
         self.dark_since = clock.now()
         self.because = ""
@@ -21,12 +23,16 @@ class LaserHand:
     def apply(self, may_emit: bool, because: str, *, is_arming: bool = False) -> None:
         """Permit with the wanted power, or neither; arming: the power alone, because the permit is about to come."""
         if not may_emit:
-            self._take(because, self.power_wanted_w * self.factor if is_arming else 0.0)
+            self._take(because, self._power_w if is_arming else 0.0)
             return
-        self._laser.set_power(self.power_wanted_w * self.factor)
+        self._laser.set_power(self._power_w)
         self._laser.permit(True)
         self.is_permitted = True
         self.because = ""
+
+    @property
+    def _power_w(self) -> float:
+        return self.overrides.laser_w(self.power_wanted_w) * self.factor
 
     @property
     def dark_in_s(self) -> float:

@@ -47,6 +47,7 @@ class Situation:
     tool: int | None
     powder_g_min: float
     is_retracting: bool = False
+    powder_before_g_min: float = 0.0  # what may still come out of the nozzle behind a change of the rate
 
 
 @dataclass(frozen=True)
@@ -266,7 +267,7 @@ class Senses:
         elif feeder.faults:
             yield self._device_fault("feeder", feeder.faults)
         elif now.state is State.RUNNING and now.mode == DEPOSIT:
-            yield from self._flow(now.powder_g_min)
+            yield from self._flow(now.powder_g_min, now.powder_before_g_min or now.powder_g_min)
         if self._d.io.faults:
             yield self._device_fault("io", self._d.io.faults)
 
@@ -284,10 +285,10 @@ class Senses:
                 return f"{at_fault}_silent", f"{why}; {role}: {text}", ""
         return f"{role}_fault", text, ""
 
-    def _flow(self, wanted: float) -> Iterator[tuple[str, str, str]]:
+    def _flow(self, wanted: float, before: float) -> Iterator[tuple[str, str, str]]:
         read = self._d.feeder.rate_readback_g_min
         band = max(FLOW_BAND * self._cell.limits.powder_settle_tolerance * wanted, 0.5)
-        if wanted <= 0 or abs(read - wanted) <= band:
+        if wanted <= 0 or min(wanted, before) - band <= read <= max(wanted, before) + band:
             self._flow_wrong_since = None
             return
         since = self._flow_wrong_since = (

@@ -19,6 +19,7 @@ from cellctl.cell.told_limits import told_limits
 from cellctl.cell.tool_by_hand import asked_tool
 from cellctl.cell.transaction import Step, Transaction
 from cellctl.domain.judge import MotionJudge
+from cellctl.domain.overrides import Overrides
 from cellctl.domain.sync import Follower
 from config.cell import Cell
 from drivers.cell_wires import CellDrivers
@@ -45,7 +46,8 @@ class Run:
     """A Program on its way through the CNC. Knows no states: the controller asks, and tells."""
 
     def __init__(
-        self, job: str, name: str, program: Program, cell: Cell, drivers: CellDrivers, modes: Modes, hand: LaserHand
+        self, job: str, name: str, program: Program, cell: Cell, drivers: CellDrivers, modes: Modes, hand: LaserHand,
+        overrides: Overrides | None = None,
     ) -> None:
         self.job = job
         self.name = name
@@ -68,6 +70,7 @@ class Run:
         self._d = drivers
         self._modes = modes
         self._hand = hand
+        self.overrides = hand.overrides = overrides or Overrides()
         self._period_s = period
         self._schedule = schedule
         self._points = SetPoints(program, self.timeline, self.follower, Leads(drivers, cell.response))
@@ -190,7 +193,7 @@ class Run:
             self._hand.power_wanted_w = value
         elif channel == Channel.POWDER_G_MIN:
             self.wanted = Wanted(wanted.laser_w, value, wanted.carrier_gas_l_min, wanted.shield_gas_l_min)
-            feeder.set_rate(value)
+            feeder.set_rate(self.overrides.powder_g_min(value))
         elif channel == Channel.CARRIER_GAS_L_MIN:
             self.wanted = Wanted(wanted.laser_w, wanted.powder_g_min, value, wanted.shield_gas_l_min)
             feeder.set_carrier_gas(value)
@@ -278,7 +281,7 @@ class Run:
             return [*self._modes.steps(mode, self.tool_at(index), self.offset), done]
         assign = Step("set-points", lambda: True, 1.0, act=lambda: self._set(channel, value))
         if channel == Channel.POWDER_G_MIN:
-            return [*self._modes.powder(value), assign]
+            return [*self._modes.powder(self.overrides.powder_g_min(value)), assign]
         if channel in (Channel.CARRIER_GAS_L_MIN, Channel.SHIELD_GAS_L_MIN):
             return [assign, self._modes.gas(channel == Channel.CARRIER_GAS_L_MIN, value)]
         return [assign]
@@ -321,7 +324,7 @@ class Run:
         wanted = self.wanted
         steps = self._modes.deposit(self.tool_at(self.line + 1), self.offset)
         steps += [self._modes.gas(True, wanted.carrier_gas_l_min), self._modes.gas(False, wanted.shield_gas_l_min)]
-        return [*steps, *self._modes.powder(wanted.powder_g_min)]
+        return [*steps, *self._modes.powder(self.overrides.powder_g_min(wanted.powder_g_min))]
 
     # -- emission ------------------------------------------------------------------------------------------------------
 

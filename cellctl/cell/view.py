@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cellctl.cell import overriding
 from cellctl.cell.controller import Controller
 from cellctl.cell.tick import Beat
 from cellctl.domain.snapshot import Alarm, CncView, FeederView, IoView, LaserView, LatencyView, Snapshot, TickView
@@ -44,6 +45,7 @@ def snapshot(c: Controller, seq: int, beat: Beat) -> Snapshot:
         tick=TickView(beat.count, beat.missed, round(beat.jitter_p99_ms, 3), beat.scheduler, round(beat.longest_ms, 1)),
         control=c.control.view,
         table=c.table.view,
+        overrides=overriding.view(c),
         position=c.position.why,
     )
 

@@ -149,6 +149,25 @@ class Table(msgspec.Struct, frozen=True):
     because: str = ""
 
 
+class OverridesView(msgspec.Struct, frozen=True):
+    """Feed, laser and powder in percent of what is programmed, and the percentages that the running job's material window allows.
+
+    Without a job, or where the job uses none of it, least and greatest are 100. laser_window_w, powder_window_g_min : least and greatest
+    """
+
+    feed_percent: int = 100
+    feed_min: int = 10
+    feed_max: int = 200
+    laser_percent: int = 100
+    laser_min: int = 100
+    laser_max: int = 100
+    laser_window_w: tuple[float, float] = (0.0, 0.0)
+    powder_percent: int = 100
+    powder_min: int = 100
+    powder_max: int = 100
+    powder_window_g_min: tuple[float, float] = (0.0, 0.0)
+
+
 class TickView(msgspec.Struct, frozen=True):
     """The safety tick's own health. longest_ms : longest time between two of the ticks that jitter is stated over"""
 
@@ -184,4 +203,5 @@ class Snapshot(msgspec.Struct, frozen=True):
     tick: TickView = TickView()
     control: Control | None = None
     table: Table = Table()
+    overrides: OverridesView = OverridesView()
     position: str = ""  # why the machine's position is not to be trusted; empty: it is
