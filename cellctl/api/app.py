@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 from fastapi import FastAPI
 
-from cellctl.api import cell, facts, health, jobs, live, parts, problems, results, resumption, sign_in, tokens
+from cellctl.api import cell, facts, health, jobs, live, parts, problems, results, resumption, sign_in, tokens, uploads
 from cellctl.api.cell_link import CellLink
 from cellctl.api.context import Service, Settings, software_version
 from cellctl.api.feed import Feed
@@ -65,7 +65,8 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         service.store.blobs.clear_staging()
-        tasks = [asyncio.create_task(task) for task in (service.link.run(), service.queue.run(), service.runs.run())]
+        running = (service.link.run(), service.queue.run(), service.runs.run(), uploads.sweep_now_and_then(service))
+        tasks = [asyncio.create_task(task) for task in running]
         try:
             yield
         finally:
@@ -85,12 +86,13 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     )
     app.state.service = service
     problems.install(app)
-    for module in (sign_in, parts, jobs, resumption, results, cell, facts, tokens, health, live):
+    for module in (sign_in, parts, uploads, jobs, resumption, results, cell, facts, tokens, health, live):
         app.include_router(module.router)
     app.include_router(page.router)
     app.add_middleware(
         BodyLimit,
         upload_limit_bytes=service.settings.upload_limit_bytes,
+        resumable_limit_bytes=service.settings.resumable_limit_bytes,
         may_upload=lambda connection: sign_in.is_let_in(connection, service, Role.OPERATOR),
     )
     app.add_middleware(Measure, metrics=service.metrics)

@@ -13,6 +13,7 @@ from starlette.requests import HTTPConnection
 from cellctl.api.cell_link import CellLink
 from cellctl.api.deeds import Deeds
 from cellctl.api.feed import Feed
+from cellctl.api.incoming import Receiving
 from cellctl.api.metrics import Metrics
 from cellctl.api.runs import Runs
 from cellctl.planning.process import Workers
@@ -21,6 +22,7 @@ from cellctl.store import Store
 from config import Cell
 
 UPLOAD_LIMIT_BYTES = 200 * 10**6
+RESUMABLE_LIMIT_BYTES = 2**30  # of an upload that comes in pieces
 WORKER_MEMORY_BYTES = 8 * 2**30
 
 
@@ -35,6 +37,7 @@ class Settings:
     upload_limit_bytes: int = UPLOAD_LIMIT_BYTES
     worker_memory_bytes: int = WORKER_MEMORY_BYTES
     planning_slots: int = 1
+    resumable_limit_bytes: int = RESUMABLE_LIMIT_BYTES
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class Service:
     inspections: asyncio.Semaphore
     metrics: Metrics
     deeds: Deeds = field(default_factory=Deeds)
+    receiving: Receiving = field(default_factory=Receiving)
 
     @property
     def stop_port(self) -> int:

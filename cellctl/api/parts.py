@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import re
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, File, Form, Header, Query, UploadFile
+from fastapi import APIRouter, File, Form, Query, UploadFile
 from fastapi.responses import FileResponse
 
 from cellctl.api.context import Service
+from cellctl.api.idempotent import IdempotencyKey
 from cellctl.api.models import Finding, Part, Parts
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
 from cellctl.planning.process import WorkerError
 from cellctl.planning.task import MESH_FILE, Task
-from cellctl.store import audit, blobs, idempotency, parts
+from cellctl.store import audit, blobs, idempotency, parts, uploads
 from cellctl.store.ids import new_id
 from cellctl.store.parts import Inspection, PartRow
 
@@ -24,9 +26,6 @@ SUFFIXES = (".stl", ".3mf", ".obj", ".ply")
 NAME_MAX = 100
 Cursor = Annotated[str | None, Query(max_length=200, description="what `next` of the page before said")]
 Limit = Annotated[int, Query(ge=1, le=200)]
-IdempotencyKey = Annotated[
-    str | None, Header(max_length=200, min_length=1, description="the same key gets the first answer again")
-]
 router = APIRouter(prefix="/api/v1/parts", tags=["parts"], responses=DOCUMENTED)
 
 
@@ -77,21 +76,43 @@ async def _inspect(service: Service, path: Path, folder: Path, name: str, units:
     return Inspection(**summary)
 
 
-def _keep(
-    service: Service, person: Person, row: PartRow, folder: Path, path: Path, key: str | None, digest: str
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Sent:
+    """A file that came whole. digest : of the request, for its key; upload_id : it came by, empty if by one request"""
+
+    path: Path
+    sha256: str
+    bytes: int
+    units: str
+    key: str | None = None
+    digest: str = ""
+    upload_id: str = ""
+
+
+def _keep(service: Service, person: Person, row: PartRow, folder: Path, sent: Sent) -> dict[str, Any]:
     """Put the files in their places, then the row, in this order: a row never names a missing file."""
     blobs.place(folder / MESH_FILE, service.store.blobs.mesh(row.inspection.mesh_sha256))
-    blobs.place(path, service.store.blobs.part(row.sha256, row.suffix))
+    blobs.place(sent.path, service.store.blobs.part(row.sha256, row.suffix))
     with service.store.write() as rows:
-        earlier = idempotency.answered(rows, person.name, key, digest)
+        earlier = idempotency.answered(rows, person.name, sent.key, sent.digest)
         if earlier is not None:
             return earlier
         parts.add(rows, row)
+        if sent.upload_id:
+            uploads.became(rows, sent.upload_id, row.id)
         answer = document(row).model_dump()
-        idempotency.remember(rows, person.name, key, digest, answer, row.created_at)
+        idempotency.remember(rows, person.name, sent.key, sent.digest, answer, row.created_at)
         audit.add(rows, person.deed("upload", row.id), row.created_at, "ok")
     return answer
+
+
+async def accept(service: Service, person: Person, folder: Path, sent: Sent) -> Part:
+    """Inspect a file that came whole and keep it as a part. folder : of one's own, on the store's file system. Raises ApiError."""
+    name, suffix = sent.path.stem, sent.path.suffix
+    inspection = await _inspect(service, sent.path, folder, name, sent.units)
+    now = service.store.clock()
+    row = PartRow(new_id("part", now), name, suffix, sent.units, sent.sha256, sent.bytes, now, person.name, inspection)
+    return Part(**await asyncio.to_thread(_keep, service, person, row, folder, sent))
 
 
 def _earlier(service: Service, person: Person, key: str | None, digest: str) -> dict[str, Any] | None:
@@ -114,12 +135,9 @@ async def upload(
         sha256, size = await asyncio.to_thread(blobs.copy_hashed, file.file, path)
         digest = idempotency.request_digest("part", sha256, units, name, suffix)
         answer = await asyncio.to_thread(_earlier, service, person, idempotency_key, digest)
-        if answer is None:
-            inspection = await _inspect(service, path, folder, name, units)
-            now = service.store.clock()
-            row = PartRow(new_id("part", now), name, suffix, units, sha256, size, now, person.name, inspection)
-            answer = await asyncio.to_thread(_keep, service, person, row, folder, path, idempotency_key, digest)
-    return Part(**answer)
+        if answer is not None:
+            return Part(**answer)
+        return await accept(service, person, folder, Sent(path, sha256, size, units, idempotency_key, digest))
 
 
 @router.get("")

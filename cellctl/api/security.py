@@ -17,6 +17,7 @@ from cellctl.api.problems import Problem, response
 LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 JSON_LIMIT_BYTES = 1 << 20  # of anything that is not an upload
 UPLOAD_PATH = "/api/v1/parts"
+RESUMABLE_PATH = "/api/v1/uploads/"
 COMMAND_PATH = "/api/v1/cell/"
 PIECE_BYTES = 16 * 1024  # of an upload, between two of which everybody else has a turn
 GIVE_WAY_S = 0.25  # an upload waits at most so long per piece for commands that are under way
@@ -167,9 +168,16 @@ class BodyLimit:
     before a route looks at the sign-in
     """
 
-    def __init__(self, app: ASGIApp, upload_limit_bytes: int, may_upload: Callable[[HTTPConnection], bool]) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        upload_limit_bytes: int,
+        may_upload: Callable[[HTTPConnection], bool],
+        resumable_limit_bytes: int = 0,
+    ) -> None:
         self.app = app
         self.upload_limit_bytes = upload_limit_bytes
+        self.resumable_limit_bytes = resumable_limit_bytes
         self.may_upload = may_upload
         self.precedence = Precedence()
 
@@ -178,10 +186,12 @@ class BodyLimit:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        is_upload = scope["path"].rstrip("/") == UPLOAD_PATH and scope["method"] == "POST"
+        is_piece = scope["method"] == "PATCH" and scope["path"].startswith(RESUMABLE_PATH)
+        is_upload = is_piece or (scope["path"].rstrip("/") == UPLOAD_PATH and scope["method"] == "POST")
         if is_upload:
             is_upload = await asyncio.to_thread(self.may_upload, HTTPConnection(scope))
-        limit = self.upload_limit_bytes + 64 * 1024 if is_upload else JSON_LIMIT_BYTES
+        whole = self.resumable_limit_bytes if is_piece else self.upload_limit_bytes + 64 * 1024
+        limit = whole if is_upload else JSON_LIMIT_BYTES
         detail = (
             f"the request has more than {limit / 1e6:.0f} MB"
             if limit >= 10**6

@@ -23,7 +23,7 @@ class Blobs:
 
     def make_folders(self) -> None:
         """Make what is missing, and remove what an earlier process left unfinished."""
-        for kind in (*KINDS, "staging", self.checkpoints.name):
+        for kind in (*KINDS, "staging", self.checkpoints.name, self.uploads.name):
             (self.folder / kind).mkdir(parents=True, exist_ok=True)
 
     def clear_staging(self) -> None:
@@ -44,6 +44,11 @@ class Blobs:
     def checkpoints(self) -> Path:
         """States of proofs at layers, for all parts: the proofs themselves keep the folder to its size. It may be emptied at any time."""
         return self.folder / "checkpoints"
+
+    @property
+    def uploads(self) -> Path:
+        """What has come so far of uploads that can be resumed, a file each, named by the upload's id."""
+        return self.folder / "uploads"
 
     def part(self, sha256: str, suffix: str) -> Path:
         """The uploaded file."""

@@ -14,11 +14,15 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    UniqueConstraint,
+    text,
 )
 
 metadata = MetaData()
 
 BigInt = BigInteger().with_variant(Integer, "sqlite")
+NEXT_CHANGE = text("(SELECT coalesce(max(changed), 0) + 1 FROM jobs)")
+"""Numbers every change to a job in the order in which changes are committed: whoever knows one asks for what came after it."""
 
 parts = Table(
     "parts",
@@ -100,8 +104,12 @@ jobs = Table(
     Column("resumption", Text),
     Column("confirmed_by", Text, nullable=False, server_default=""),
     Column("confirmed_client", Text, nullable=False, server_default=""),
+    Column("material_sha256", String(64), nullable=False, server_default=""),
+    Column("cell_sha256", String(64), nullable=False, server_default=""),
+    Column("changed", BigInt, nullable=False, server_default="0", default=NEXT_CHANGE, onupdate=NEXT_CHANGE),
     Index("ix_jobs_state", "state"),
     Index("ix_jobs_continues_job", "continues_job"),
+    Index("ix_jobs_changed", "changed"),
     sqlite_autoincrement=True,
 )
 
@@ -150,6 +158,52 @@ idempotency = Table(
     Column("request_sha256", String(64), nullable=False),
     Column("answer", Text, nullable=False),
     Column("created_at", REAL, nullable=False),
+)
+
+uploads = Table(
+    "uploads",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    Column("who", Text, nullable=False),
+    Column("filename", Text, nullable=False),
+    Column("units", String(8), nullable=False),
+    Column("sha256", String(64), nullable=False, server_default=""),
+    Column("bytes", BigInt, nullable=False),
+    Column("received", BigInt, nullable=False, server_default="0"),
+    Column("created_at", REAL, nullable=False),
+    Column("touched_at", REAL, nullable=False),
+    Column("part_id", String(40)),
+)
+
+material_versions = Table(
+    "material_versions",
+    metadata,
+    Column("seq", BigInt, primary_key=True, autoincrement=True),
+    Column("name", Text, nullable=False),
+    Column("version", Integer, nullable=False),
+    Column("sha256", String(64), nullable=False),
+    Column("toml", Text, nullable=False),
+    Column("because", Text, nullable=False, server_default=""),
+    Column("created_at", REAL, nullable=False),
+    Column("created_by", Text, nullable=False),
+    UniqueConstraint("name", "version", name="uq_material_versions_name"),
+    sqlite_autoincrement=True,
+)
+
+cell_versions = Table(
+    "cell_versions",
+    metadata,
+    Column("seq", BigInt, primary_key=True, autoincrement=True),
+    Column("name", Text, nullable=False),
+    Column("version", Integer, nullable=False),
+    Column("sha256", String(64), nullable=False),
+    Column("facts", Text, nullable=False),
+    Column("file", Text, nullable=False, server_default=""),
+    Column("first_seen_at", REAL, nullable=False),
+    Column("last_seen_at", REAL, nullable=False),
+    Column("starts", Integer, nullable=False, server_default="1"),
+    UniqueConstraint("name", "version", name="uq_cell_versions_name"),
+    sqlite_autoincrement=True,
 )
 
 # Written by the cell process with plain SQL; read here.
