@@ -60,6 +60,20 @@ export interface CncView {
   feed_override: number;
 }
 
+export interface OverridesView {
+  feed_percent: number;
+  feed_min: number;
+  feed_max: number;
+  laser_percent: number;
+  laser_min: number;
+  laser_max: number;
+  laser_window_w: [number, number];
+  powder_percent: number;
+  powder_min: number;
+  powder_max: number;
+  powder_window_g_min: [number, number];
+}
+
 export interface Permissive {
   name: string;
   ok: boolean;
@@ -131,6 +145,7 @@ export interface Snapshot {
   tick: TickView;
   control: Control | null;
   table: { disturbed_at: number; because: string };
+  overrides: OverridesView;
   position: string;
 }
 
@@ -364,7 +379,7 @@ export interface Tool {
 }
 
 export interface CellFacts {
-  axes: { letter: string; kind: "linear" | "rotary"; min: number; max: number }[];
+  axes: { letter: string; kind: "linear" | "rotary"; min: number; max: number; max_velocity: number }[];
   tools: Tool[];
 }
 

@@ -1,5 +1,16 @@
-// The page "hand".
+// The page "by hand": moving the machine, overrides of the running job.
+import { Jog } from "./Jog";
+import { Overrides } from "./Overrides";
 
 export function Hand() {
-  return <section class="hand" />;
+  return (
+    <section class="hand">
+      <div class="hand-columns">
+        <Jog />
+        <div class="hand-side">
+          <Overrides />
+        </div>
+      </div>
+    </section>
+  );
 }

@@ -6,7 +6,7 @@ export type PageName = "machine" | "hand" | "jobs" | "parts" | "alarms" | "log";
 /** In the order of the rail. wide : the page takes the whole width; the 3-D view and the trends stand beside the others. */
 export const PAGES: readonly { name: PageName; wide: boolean }[] = [
   { name: "machine", wide: false },
-  { name: "hand", wide: false },
+  { name: "hand", wide: true },
   { name: "jobs", wide: false },
   { name: "parts", wide: true },
   { name: "alarms", wide: true },

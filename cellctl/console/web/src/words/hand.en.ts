@@ -1,3 +1,30 @@
 // Words of the page "hand".
 
-export const hand = {};
+export const hand = {
+  jog: "Move the axes",
+  jogFrame: "Machine coordinates; the laser is locked out",
+  jogBecause: "jogged at the console",
+  notNow: (state: string) => `Not while the cell is: ${state}`,
+  step: "Step, mm or °",
+  continuous: "hold",
+  feed: "Feed, mm/min or °/min",
+  holdHint: "The axis moves as long as the button is held; letting go, leaving the button or the page stops it.",
+  stepHint: "Each press is one step. The axis does not leave its travel.",
+  arm: "Keys do not move axes: allow them",
+  armed: "Keys move axes (30 s): forbid them",
+  limits: (letter: string, low: string, high: string, unit: string) => `Travel of ${letter}: ${low} to ${high} ${unit}`,
+  work: (value: string) => `work ${value}`,
+  move: (letter: string, sense: string, step: string, feed: string) => `Move ${letter} ${sense}, step ${step}, feed ${feed} per minute`,
+
+  overrides: "Overrides of the running job",
+  feedOverride: "Feed",
+  laser: "Laser",
+  powder: "Powder",
+  overrideBecause: "changed at the console",
+  window: (low: string, high: string, unit: string) => `material's window ${low} to ${high} ${unit}`,
+  noWindow: "no job that uses it: nothing to change",
+  anyTime: "power follows the feed; each job begins with 100 %",
+  bounds: (least: number, most: number) => `${least} to ${most} %`,
+  change: (name: string, delta: number) => `${name} ${delta > 0 ? "plus" : "minus"} ${Math.abs(delta)} percent`,
+  asProgrammed: (name: string) => `${name} as programmed, 100 percent`,
+};
