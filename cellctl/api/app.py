@@ -10,7 +10,21 @@ from typing import Any
 import msgspec
 from fastapi import FastAPI
 
-from cellctl.api import cell, facts, health, jobs, live, parts, problems, results, resumption, sign_in, tokens, uploads
+from cellctl.api import (
+    cell,
+    drawings,
+    facts,
+    health,
+    jobs,
+    live,
+    parts,
+    problems,
+    results,
+    resumption,
+    sign_in,
+    tokens,
+    uploads,
+)
 from cellctl.api.cell_link import CellLink
 from cellctl.api.context import Service, Settings, software_version
 from cellctl.api.feed import Feed
@@ -86,7 +100,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     )
     app.state.service = service
     problems.install(app)
-    for module in (sign_in, parts, uploads, jobs, resumption, results, cell, facts, tokens, health, live):
+    for module in (sign_in, parts, uploads, jobs, resumption, results, drawings, cell, facts, tokens, health, live):
         app.include_router(module.router)
     app.include_router(page.router)
     app.add_middleware(

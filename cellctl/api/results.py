@@ -14,11 +14,12 @@ from pydantic import BaseModel
 from starlette.background import BackgroundTask
 
 from cellctl.api.context import Service
+from cellctl.api.drawings import drawn_plan
 from cellctl.api.models import Program, ProgramFile
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.record import PAGE_POLICY, html_of, record_of
 from cellctl.api.sign_in import ServiceOf, Viewer
-from cellctl.planning.view import OVERVIEW, layer_file
+from cellctl.planning.view import OVERVIEW, layer_file, layer_view
 from cellctl.store import jobs
 from cellctl.store.jobs import JobRow
 
@@ -176,7 +177,7 @@ def _file(path: Path, media_type: str, filename: str | None = None) -> FileRespo
 def _drawn(folder: Path, job: JobRow, layer: int) -> Response:
     """A layer of a plan that is being made: read at once, since the folder moves when the plan is done. Raises ApiError 404."""
     try:
-        return Response((folder / layer_file(layer)).read_bytes(), media_type=JSON_FILE)
+        return Response(layer_view((folder / layer_file(layer)).read_bytes()), media_type=JSON_FILE)
     except FileNotFoundError:
         raise ApiError(
             404,
@@ -201,7 +202,8 @@ def get_layer(_person: Viewer, service: ServiceOf, job_id: str, layer: int) -> R
         return _drawn(drawing, job, layer)
     if not 0 <= layer < job.layers:
         raise ApiError(404, "Not found", f"{job.name} has no layer {layer}", f"layers are 0 to {job.layers - 1}")
-    return _file(service.store.blobs.view(_made(job, job.plan_sha256, "plan")) / layer_file(layer), JSON_FILE)
+    sha256 = _made(job, job.plan_sha256, "plan")
+    return Response(layer_view((drawn_plan(service, sha256) / layer_file(layer)).read_bytes()), media_type=JSON_FILE)
 
 
 @router.get(

@@ -22,6 +22,7 @@ Report = Callable[[str, float], None]
 def resume(task: Task, report: Report) -> dict[str, Any]:
     """Generate what is left of a program from the task's point on; writes its folder and form as `post` does. Raises PlannerError, ConfigError."""
     from cellctl.cell.program_form import form_beside, write_form
+    from cellctl.planning.track import track_beside, write_track
     from config import load_cell
     from planner.files import read_plan, read_program, write_program
     from planner.resume import ResumePoint
@@ -40,6 +41,7 @@ def resume(task: Task, report: Report) -> dict[str, Any]:
     made = make_rest(program, cell, place, overlap_mm=overlap, plan=plan, program_sha256=Path(task.program).name)
     folder = Path(task.folder) / PROGRAM_FOLDER
     write_program(made, folder)
+    write_track(made, track_beside(folder))
     write_form(made, cell, form_beside(folder), hashlib.sha256((folder / "program.json").read_bytes()).hexdigest())
     return {"lines": len(made.lines), "duration_s": float(made.duration_s), "resumption": figures(made, program, cell)}
 

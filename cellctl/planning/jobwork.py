@@ -19,10 +19,12 @@ from cellctl.planning.task import (
     PROGRAM_FOLDER,
     PROOF_FILE,
     REPORT_FILE,
+    SURFACE_FILE,
     VIEW_FOLDER,
     Link,
     Task,
 )
+from cellctl.planning.track import track_beside
 from cellctl.store import Store, blobs, jobs, lineage, made, parts
 from cellctl.store.jobs import JobRow
 from cellctl.store.made import Made
@@ -214,12 +216,16 @@ class JobWork:
         """The hash of program.json names the program: it holds the hashes of its other files."""
         sha256 = blobs.sha256_of(source / "program.json")
         blobs.place(form_beside(source), form_beside(self.store.blobs.program(sha256)))
+        if track_beside(source).is_dir():
+            blobs.place(track_beside(source), track_beside(self.store.blobs.program(sha256)))
         blobs.place(source, self.store.blobs.program(sha256))
         return Made(sha256, summary)
 
     def _keep_proof(self, folder: Path, document: dict[str, Any]) -> Made:
         sha256 = blobs.sha256_of(folder / PROOF_FILE)
-        for name, target in ((PICTURE_FILE, self.store.blobs.picture(sha256)), (REPORT_FILE, self.store.blobs.report(sha256))):
+        kept = self.store.blobs
+        beside = ((PICTURE_FILE, kept.picture(sha256)), (REPORT_FILE, kept.report(sha256)), (SURFACE_FILE, kept.surface(sha256)))
+        for name, target in beside:
             if (folder / name).exists():
                 blobs.place(folder / name, target)
         blobs.place(folder / PROOF_FILE, self.store.blobs.proof(sha256))

@@ -17,6 +17,7 @@ from cellctl.planning.task import (
     PROGRAM_FOLDER,
     PROOF_FILE,
     REPORT_FILE,
+    SURFACE_FILE,
     VIEW_FOLDER,
     Task,
 )
@@ -140,6 +141,7 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
 def post(task: Task, report: Report) -> dict[str, Any]:
     """Post the plan for the cell; writes the program's folder, and beside it the form that a run opens. Raises PlannerError, ConfigError."""
     from cellctl.cell.program_form import form_beside, write_form
+    from cellctl.planning.track import track_beside, write_track
     from config import load_cell
     from planner.files import read_plan, write_program
     from planner.post import post as make_program
@@ -149,12 +151,14 @@ def post(task: Task, report: Report) -> dict[str, Any]:
     made = make_program(read_plan(Path(task.plan)), cell, dialect=cell.cnc.firmware)
     folder = Path(task.folder) / PROGRAM_FOLDER
     write_program(made, folder)
+    write_track(made, track_beside(folder))
     write_form(made, cell, form_beside(folder), hashlib.sha256((folder / "program.json").read_bytes()).hexdigest())
     return {"lines": len(made.lines), "duration_s": float(made.duration_s)}
 
 
 def prove(task: Task, report: Report) -> dict[str, Any]:
-    """Run the program in the twin; writes proof.json, proof.png and proof.html. Raises PlannerError, ConfigError and the twin's errors."""
+    """Run the program in the twin; writes proof.json, proof.png, proof.html and proof.surface. Raises what planner, config and twin raise."""
+    from cellctl.planning.surface import surface_bytes
     from config import load_cell
     from planner.files import read_program
     from planner.mesh import load
@@ -180,6 +184,8 @@ def prove(task: Task, report: Report) -> dict[str, Any]:
     (folder / PROOF_FILE).write_text(text, encoding="utf-8")
     if proof.picture:
         (folder / PICTURE_FILE).write_bytes(proof.picture)
+    if proof.built is not None and len(proof.built[1]):
+        (folder / SURFACE_FILE).write_bytes(surface_bytes(*proof.built, proof.tolerance_mm))
     report("writing the report", 1.0)
     (folder / REPORT_FILE).write_text(html(proof, program, cell), encoding="utf-8")
     document: dict[str, Any] = json.loads(text)

@@ -63,7 +63,7 @@ class Blobs:
         return self.folder / "plans" / f"{sha256}.h5"
 
     def view(self, sha256: str) -> Path:
-        """The plan as the console draws it: a folder of JSON."""
+        """The plan as the console draws it: a folder."""
         return self.folder / "plans" / f"{sha256}.view"
 
     def program(self, sha256: str) -> Path:
@@ -77,6 +77,10 @@ class Blobs:
     def picture(self, sha256: str) -> Path:
         """The proof's picture."""
         return self.folder / "proofs" / f"{sha256}.png"
+
+    def surface(self, sha256: str) -> Path:
+        """The as-built surface of the proof, as the console draws it; proofs of earlier versions have none."""
+        return self.folder / "proofs" / f"{sha256}.surface"
 
     def report(self, sha256: str) -> Path:
         """The proof's report: one HTML file."""
