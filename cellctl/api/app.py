@@ -26,6 +26,7 @@ from cellctl.api import (
     uploads,
 )
 from cellctl.api.cell_link import CellLink
+from cellctl.api.conditional import Conditional
 from cellctl.api.context import Service, Settings, software_version
 from cellctl.api.feed import Feed
 from cellctl.api.metrics import Measure, Metrics
@@ -103,6 +104,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     for module in (sign_in, parts, uploads, jobs, resumption, results, drawings, cell, facts, tokens, health, live):
         app.include_router(module.router)
     app.include_router(page.router)
+    app.add_middleware(Conditional)
     app.add_middleware(
         BodyLimit,
         upload_limit_bytes=service.settings.upload_limit_bytes,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fastapi import APIRouter
 from fastapi.responses import FileResponse, Response
+from starlette.exceptions import HTTPException
 
 from cellctl.api.problems import ApiError
 
@@ -75,6 +76,8 @@ class Page:
     def file(self, path: str) -> Response:
         """A file of the page. A path that leads out of the folder is not found."""
         root = self.folder.resolve()
+        if path.startswith("api/"):
+            raise HTTPException(404)  # the interface says what there is, and how it may be asked
         target = (root / path).resolve() if "\0" not in path else None
         if target is None or not target.is_relative_to(root) or not target.is_file() or target.name.startswith("."):
             raise ApiError(

@@ -12,7 +12,7 @@ from fastapi import APIRouter, File, Form, Query, UploadFile
 from fastapi.responses import FileResponse
 
 from cellctl.api.context import Service
-from cellctl.api.idempotent import IdempotencyKey
+from cellctl.api.idempotent import IdempotencyKey as IdempotencyKey
 from cellctl.api.models import Finding, Part, Parts
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
@@ -165,4 +165,18 @@ def get_mesh(_person: Viewer, service: ServiceOf, part_id: str) -> FileResponse:
     with service.store.read() as rows:
         part = parts.get(rows, part_id)
     path = service.store.blobs.mesh(part.inspection.mesh_sha256)
-    return FileResponse(path, media_type="model/stl", filename=f"{part.name}.stl")
+    headers = {"ETag": f'"{part.inspection.mesh_sha256}"'}
+    return FileResponse(path, media_type="model/stl", filename=f"{part.name}.stl", headers=headers)
+
+
+@router.get(
+    "/{part_id}/file",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/octet-stream": {}}, "description": "The file as it was sent"}},
+)
+def get_file(_person: Viewer, service: ServiceOf, part_id: str) -> FileResponse:
+    """The file as it was sent, byte for byte."""
+    with service.store.read() as rows:
+        part = parts.get(rows, part_id)
+    path = service.store.blobs.part(part.sha256, part.suffix)
+    return FileResponse(path, media_type="application/octet-stream", filename=f"{part.name}{part.suffix}", headers={"ETag": f'"{part.sha256}"'})

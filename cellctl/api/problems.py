@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 from starlette.exceptions import HTTPException
 
 from cellctl import faults
@@ -22,25 +23,44 @@ MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
 
 
-class Problem(BaseModel):
-    """A problem document. `detail` is one line for a person, `hint` says what to do."""
+TYPES = "urn:hybridcell:problem:"
 
-    type: str = "about:blank"
+
+def type_of(title: str) -> str:
+    """The stable name (URI) of a kind of problem, from its title: urn:hybridcell:problem:not-found."""
+    return TYPES + "-".join(re.findall(r"[a-z0-9]+", title.lower()))
+
+
+class Problem(BaseModel):
+    """A problem document. `type` names the kind for programs and stays; `detail` is one line for a person, `hint` says what to do."""
+
+    type: str = ""
     title: str
     status: int
     detail: str = ""
     hint: str = ""
     instance: str = ""
     errors: list[dict[str, str]] = Field(
-        default_factory=list, description="field by field, for a request that breaks its schema"
+        default_factory=list, description="field by field, for a request that breaks its schema: field, error, value, bound, unit"
     )
+
+    @model_validator(mode="after")
+    def _named(self) -> Problem:
+        self.type = self.type or type_of(self.title)
+        return self
 
 
 class ApiError(Exception):
-    """A refusal with its status and words."""
+    """A refusal with its status and words. errors : field by field"""
 
     def __init__(
-        self, status: int, title: str, detail: str, hint: str = "", headers: dict[str, str] | None = None
+        self,
+        status: int,
+        title: str,
+        detail: str,
+        hint: str = "",
+        headers: dict[str, str] | None = None,
+        errors: list[dict[str, str]] | None = None,
     ) -> None:
         super().__init__(detail)
         self.status = status
@@ -48,6 +68,7 @@ class ApiError(Exception):
         self.detail = detail
         self.hint = hint
         self.headers = headers
+        self.errors = errors or []
 
 
 def response(problem: Problem, headers: dict[str, str] | None = None) -> JSONResponse:
@@ -73,6 +94,7 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
         detail=faults.one_line(error.detail),
         hint=error.hint,
         instance=request.url.path,
+        errors=error.errors,
     )
     return response(problem, error.headers)
 
@@ -82,18 +104,43 @@ async def _http(request: Request, error: Exception) -> JSONResponse:
     if error.status_code == 400 and trouble_of(error) is not None:  # an upload that the disk has no room for is not the sender's fault
         return await _any(request, error)
     titles = {404: "Not found", 405: "Method not allowed", 400: "Bad request", 413: "Too large"}
-    detail = (
-        f"there is nothing at {request.url.path}"
-        if error.status_code == 404 and error.detail == "Not Found"
-        else str(error.detail)
-    )
-    problem = Problem(
-        title=titles.get(error.status_code, str(error.detail)),
-        status=error.status_code,
-        detail=detail,
-        instance=request.url.path,
-    )
-    return response(problem, dict(error.headers) if error.headers else None)
+    status, detail, headers = error.status_code, str(error.detail), dict(error.headers or {})
+    if status in (404, 405):
+        allowed = allowed_at(request)
+        status = 405 if allowed and request.method not in allowed else 404
+        detail = f"there is nothing at {request.url.path}" if status == 404 else f"{request.url.path} has no {request.method}"
+        headers = {"Allow": ", ".join(allowed)} if status == 405 else {}
+    problem = Problem(title=titles.get(status, detail), status=status, detail=detail, instance=request.url.path)
+    return response(problem, headers or None)
+
+
+def allowed_at(request: Request) -> list[str]:
+    """Methods of everything that the interface has at the request's path; the pages outside of /api/ can be read."""
+    found: set[str] = set()
+    for pattern, methods in _patterns(request.app):
+        if pattern.fullmatch(request.url.path):
+            found |= methods
+    if not found and not request.url.path.startswith("/api/"):
+        found = {"GET", "HEAD"}
+    return sorted(found)
+
+
+def _patterns(app: FastAPI) -> list[tuple[re.Pattern[str], set[str]]]:
+    """What the interface describes: a pattern of each path and its methods. Who can be read can be asked for without its body."""
+    if not hasattr(app.state, "path_patterns"):
+        known = []
+        for template, operations in app.openapi()["paths"].items():
+            methods = {name.upper() for name in operations if name.upper() in METHODS}
+            pattern = re.compile("".join(PARAMETER if piece[:1] == "{" else re.escape(piece) for piece in BRACES.split(template)))
+            known.append((pattern, methods | ({"HEAD"} if "GET" in methods else set())))
+        app.state.path_patterns = known
+    patterns: list[tuple[re.Pattern[str], set[str]]] = app.state.path_patterns
+    return patterns
+
+
+METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
+BRACES = re.compile(r"(\{[^}]*\})")
+PARAMETER = "[^/]+"
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:

@@ -167,11 +167,11 @@ def _made(job: JobRow, sha256: str | None, what: str) -> str:
     return sha256
 
 
-def _file(path: Path, media_type: str, filename: str | None = None) -> FileResponse:
-    """A file of the store. Raises ApiError 404 if it is gone."""
+def _file(path: Path, media_type: str, filename: str | None = None, *, of: str | None = None) -> FileResponse:
+    """A file of the store. of : hash of what it belongs to, which with its own name makes the ETag. Raises ApiError 404 if it is gone."""
     if not path.is_file():
         raise ApiError(404, "Not there", f"there is no {path.name}", "see what the job has")
-    return FileResponse(path, media_type=media_type, filename=filename)
+    return FileResponse(path, media_type=media_type, filename=filename, headers={"ETag": f'"{of}-{path.name}"'} if of else None)
 
 
 def _drawn(folder: Path, job: JobRow, layer: int) -> Response:
@@ -191,7 +191,7 @@ def _drawn(folder: Path, job: JobRow, layer: int) -> Response:
 def get_plan(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     """The plan's layers and operations."""
     job = _job(service, job_id)
-    return _file(service.store.blobs.view(_made(job, job.plan_sha256, "plan")) / OVERVIEW, JSON_FILE)
+    return _file(service.store.blobs.view(_made(job, job.plan_sha256, "plan")) / OVERVIEW, JSON_FILE, of=job.plan_sha256)
 
 
 @router.get("/plan/layers/{layer}", response_model=LayerView)
@@ -214,7 +214,7 @@ def get_layer(_person: Viewer, service: ServiceOf, job_id: str, layer: int) -> R
 def get_plan_file(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     """The plan's own file (HDF5)."""
     job = _job(service, job_id)
-    return _file(service.store.blobs.plan(_made(job, job.plan_sha256, "plan")), "application/x-hdf5", "plan.h5")
+    return _file(service.store.blobs.plan(_made(job, job.plan_sha256, "plan")), "application/x-hdf5", "plan.h5", of=job.plan_sha256)
 
 
 def _program(service: Service, job_id: str) -> tuple[JobRow, Path, list[Path]]:
@@ -260,19 +260,19 @@ def get_program(
 )
 def get_program_file(_person: Viewer, service: ServiceOf, job_id: str, name: str) -> Response:
     """One file of the program: G-code as text, the line table as it is."""
-    _job_row, _folder, files = _program(service, job_id)
+    job, _folder, files = _program(service, job_id)
     path = next((path for path in files if path.name == name), None)
     if path is None:
         raise ApiError(404, "Not found", f"the program has no file {name[:60]!r}", "the listing names its files")
     text = path.suffix in (".ngc", ".json")
-    return _file(path, "text/plain; charset=utf-8" if text else "application/octet-stream", None if text else path.name)
+    return _file(path, "text/plain; charset=utf-8" if text else "application/octet-stream", None if text else path.name, of=job.program_sha256)
 
 
 @router.get("/proof", response_model=dict[str, Any])
 def get_proof(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     """The whole proof: figures and findings."""
     job = _job(service, job_id)
-    return _file(service.store.blobs.proof(_made(job, job.proof_sha256, "proof")), JSON_FILE)
+    return _file(service.store.blobs.proof(_made(job, job.proof_sha256, "proof")), JSON_FILE, of=job.proof_sha256)
 
 
 @router.get(
@@ -281,7 +281,7 @@ def get_proof(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
 def get_picture(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     """The part as built in the twin, coloured by its deviation."""
     job = _job(service, job_id)
-    return _file(service.store.blobs.picture(_made(job, job.proof_sha256, "proof")), "image/png")
+    return _file(service.store.blobs.picture(_made(job, job.proof_sha256, "proof")), "image/png", of=job.proof_sha256)
 
 
 REPORT_POLICY = (
@@ -298,7 +298,7 @@ REPORT_POLICY = (
 def get_report(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     """The proof as a page to read, print and sign: verdict, figures, findings with pictures, course of the run."""
     job = _job(service, job_id)
-    answer = _file(service.store.blobs.report(_made(job, job.proof_sha256, "proof")), "text/html; charset=utf-8")
+    answer = _file(service.store.blobs.report(_made(job, job.proof_sha256, "proof")), "text/html; charset=utf-8", of=job.proof_sha256)
     answer.headers["Content-Security-Policy"] = REPORT_POLICY
     return answer
 
