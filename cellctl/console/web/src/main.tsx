@@ -5,6 +5,8 @@ import "uplot/dist/uPlot.min.css";
 import { Live } from "./api/live";
 import { RequestError } from "./api/http";
 import { App } from "./frame/App";
+import { openMenu } from "./frame/Menu";
+import { listenForKeys } from "./frame/shortcuts";
 import { isConnected, lastSeq, take, takeEvents } from "./state/cell";
 import { keepPresent } from "./state/control";
 import { readJobs, takeJob } from "./state/jobs";
@@ -59,6 +61,7 @@ effect(() => {
 });
 followPlan();
 keepPresent();
+listenForKeys(openMenu);
 void begin();
 
 const root = document.getElementById("app");

@@ -3,6 +3,7 @@ import { useRef } from "preact/hooks";
 import { command, isStale, pending, snapshot } from "../state/cell";
 import { isLatched } from "../state/meaning";
 import { mayCommand, whyNot } from "../state/control";
+import { alarmWords } from "../state/told";
 import { words } from "../words";
 import { clock } from "../words/format";
 import { Sign } from "./Signs";
@@ -18,7 +19,7 @@ export function AlarmBanner() {
       <div class="alarm-words">
         {now.alarms.length === 0 && <Words cause={say.stopped} remedy={say.stoppedRemedy} since="" />}
         {now.alarms.map((alarm) => (
-          <Words key={`${alarm.id} ${alarm.code}`} cause={alarm.cause} remedy={alarm.remedy} since={`${say.since(clock(alarm.at))} · ${alarm.code}`} />
+          <Words key={`${alarm.id} ${alarm.code}`} {...alarmWords(alarm)} since={`${say.since(clock(alarm.at))} · ${alarm.code}`} />
         ))}
       </div>
       {isLatched.value && <Reset />}

@@ -1,16 +1,21 @@
 // Who has control, and the button that takes it: over from another only with a reason.
-import { signal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useRef } from "preact/hooks";
 import { isStale } from "../state/cell";
 import { askControl, control, holder, isAbsent } from "../state/control";
+import { closeDialog, openDialog } from "../state/dialog";
 import { isOperator } from "../state/session";
 import { words } from "../words";
 
 const say = words.control;
-const asks = signal(false);
+
+const BUTTONS = {
+  ours: { text: say.release, press: () => void askControl("release", say.released) },
+  free: { text: say.take, press: () => void askControl("take", say.taken) },
+  other: { text: say.takeOver, press: () => openDialog(say.ask(holder.value), Question) },
+};
 
 export function Control() {
-  const off = !isOperator.value || isStale.value;
+  const button = BUTTONS[control.value];
   return (
     <div class={`control-bar control-${control.value}`} role="status" aria-label={say.region}>
       <span class="control-word">
@@ -23,46 +28,31 @@ export function Control() {
           </>
         )}
       </span>
-      {control.value === "ours" && (
-        <button type="button" class="control" disabled={off} onClick={() => void askControl("release", say.released)}>
-          {say.release}
-        </button>
-      )}
-      {control.value === "free" && (
-        <button type="button" class="control" disabled={off} onClick={() => void askControl("take", say.taken)}>
-          {say.take}
-        </button>
-      )}
-      {control.value === "other" && (
-        <button type="button" class="control" disabled={off} aria-expanded={asks.value} onClick={() => (asks.value = true)}>
-          {say.takeOver}
-        </button>
-      )}
-      {asks.value && control.value === "other" && <Question />}
+      <button type="button" class="control" disabled={!isOperator.value || isStale.value} onClick={button.press}>
+        {button.text}
+      </button>
     </div>
   );
 }
 
 function Question() {
   const reason = useRef<HTMLInputElement>(null);
-  useEffect(() => reason.current?.focus(), []);
-  const close = () => (asks.value = false);
   const take = async (event: Event) => {
     event.preventDefault();
-    if (await askControl("take", reason.current?.value.trim() ?? "")) close();
+    if (await askControl("take", reason.current?.value.trim() ?? "")) closeDialog();
   };
   return (
-    <form class="question" aria-label={say.ask(holder.value)} onSubmit={(event) => void take(event)} onKeyDown={(event) => event.key === "Escape" && close()}>
-      <p role="alert">{say.ask(holder.value)}</p>
+    <form class="question" onSubmit={(event) => void take(event)}>
+      <p>{say.ask(holder.value)}</p>
       <label>
         {words.bar.reason}
         <input ref={reason} maxLength={500} required />
       </label>
       <div class="row end">
-        <button type="button" class="control" onClick={close}>
+        <button type="button" class="control" onClick={closeDialog}>
           {say.leave}
         </button>
-        <button type="submit" class="control sure">
+        <button type="submit" class="control sure" disabled={control.value !== "other"}>
           {say.takeOver}
         </button>
       </div>

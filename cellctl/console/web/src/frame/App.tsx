@@ -1,7 +1,6 @@
 // The page: the bar, the alarms, the rail of pages, and the opened page beside the plan and its trends, or alone.
 import { AlarmBanner } from "../bar/AlarmBanner";
 import { Bar } from "../bar/Bar";
-import { Control } from "../bar/Control";
 import { Alarms } from "../alarms/Alarms";
 import { Hand } from "../hand/Hand";
 import { Jobs } from "../jobs/Jobs";
@@ -9,10 +8,12 @@ import { EventLog } from "../log/EventLog";
 import { Machine } from "../machine/Machine";
 import { Trends } from "../machine/Trends";
 import { Parts } from "../parts/Parts";
+import { dialog } from "../state/dialog";
 import { isWide, page, type PageName } from "../state/pages";
 import { session } from "../state/session";
 import { View3d } from "../view3d/View3d";
 import { words } from "../words";
+import { DialogBox } from "./DialogBox";
 import { Footer } from "./Footer";
 import { NoticeBox } from "./Notice";
 import { Rail } from "./Rail";
@@ -30,13 +31,13 @@ export function App() {
       </a>
       <Bar />
       <AlarmBanner />
-      <div class="body">
+      <div class="body" inert={dialog.value !== null}>
         <Rail />
         <Content />
+        <Footer />
       </div>
-      <Control />
-      <Footer />
       <NoticeBox />
+      <DialogBox />
     </div>
   );
 }

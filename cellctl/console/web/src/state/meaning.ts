@@ -4,6 +4,7 @@ import { words } from "../words";
 import { snapshot } from "./cell";
 import { waiting } from "./jobs";
 import { operations, plan } from "./plan";
+import { alarmWords } from "./told";
 
 export type Tone = "run" | "wait" | "hold" | "fault" | "rest" | "off";
 
@@ -32,7 +33,8 @@ export const isLatched = computed(() => ["FAULT", "STOPPED"].includes(snapshot.v
 export const cause = computed(() => {
   const now = snapshot.value;
   if (!now) return words.noDataWhy;
-  return now.alarms[0]?.cause || now.waiting || now.because;
+  const first = now.alarms[0];
+  return first ? alarmWords(first).cause : words.cell.said(now.waiting || now.because);
 });
 
 /** What comes next, in words. */

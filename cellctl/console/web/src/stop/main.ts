@@ -7,6 +7,7 @@ const ANSWER_MS = 1000; // an attempt that takes longer is given up
 const USE_ESTOP_MS = 2000; // unacknowledged for this long: the hardware chain is the way
 const WEB_AFTER_MS = 400; // from here on also by way of the web process
 const ABOUT_MS = 5000; // between questions where the listener is
+const STOP_KEY = "F9"; // works wherever the focus is
 const SHOWN_MS = 15000; // how long an acknowledgement stays readable
 
 interface Press {
@@ -77,9 +78,10 @@ function again(mine: Press): void {
   setTimeout(() => again(mine), REPEAT_MS);
 }
 
-function pressed(): void {
+/** at : when the finger came down, which may be before a busy page heard of it */
+function pressed({ timeStamp: at }: Event): void {
   if (press && !press.done) return; // already on its way
-  press = { id: newId(), at: performance.now(), done: false };
+  press = { id: newId(), at, done: false };
   again(press);
 }
 
@@ -96,8 +98,15 @@ async function ask(): Promise<void> {
 
 button.addEventListener("pointerdown", pressed);
 button.addEventListener("click", (event) => {
-  if (event.detail === 0) pressed(); // the keyboard; a pointer has already pressed
+  if (event.detail === 0) pressed(event); // the keyboard; a pointer has already pressed
 });
+function byKey(event: KeyboardEvent): void {
+  if (event.key !== STOP_KEY || event.repeat) return;
+  event.preventDefault();
+  pressed(event);
+}
+
+addEventListener("keydown", byKey, { capture: true });
 document.documentElement.lang = language;
 button.textContent = say.label;
 button.setAttribute("aria-label", say.aria);

@@ -1,5 +1,6 @@
 // Every word that the operator reads, in German. The shape is that of en.ts.
 import { alarms as alarmPage } from "./alarms.de";
+import { cell } from "./cell.de";
 import type { words as english } from "./en";
 import { decimal } from "./format";
 import { goingOn } from "./going_on.de";
@@ -17,6 +18,7 @@ const process: Record<string, string> = {
 
 export const words: typeof english = {
   alarmPage,
+  cell,
   hand,
   parts,
   title: "Konsole der Hybridzelle",
@@ -29,10 +31,10 @@ export const words: typeof english = {
     IDLE: "Bereit",
     HOMING: "Referenziert",
     JOGGING: "Handfahrt",
-    PREPARING: "Bereitet vor",
+    PREPARING: "Rüstet",
     RUNNING: "Läuft",
     HOLDING: "Hält an",
-    HELD: "Angehalten",
+    HELD: "Gehalten",
     RESUMING: "Läuft an",
     ABORTING: "Bricht ab",
     FAULT: "Störung",
@@ -140,6 +142,11 @@ export const words: typeof english = {
     dismiss: "Schließen",
     skip: "Zur Seite springen",
     languageAria: "Sprache wechseln zu Englisch",
+    menu: "Menü und Tasten",
+    close: "Schließen",
+    keys: "Tasten",
+    keyNames: { stop: "STOP: Laser, Pulver und Bewegung sofort aus", hold: "Auftrag anhalten (HALT)", pages: "Seite öffnen", menu: "Dieses Menü", close: "Offenes schließen" },
+    letterKeys: "Auch Ziffern und ? sind Tasten",
   },
 
   machine: {
@@ -176,17 +183,13 @@ export const words: typeof english = {
     dark: "aus",
     permits: (enabled, permitted) => `${enabled ? "eingeschaltet" : "nicht eingeschaltet"}, ${permitted ? "erlaubt" : "nicht erlaubt"}`,
     permissives: "Bedingungen für den Laser",
-    allMet: "Alle erfüllt",
-    missing: (count) => `${count} nicht erfüllt`,
-    interlocks: "Verriegelungen",
+    allMet: "darf strahlen",
+    missing: (count) => `gesperrt: ${count} nicht erfüllt`,
+    groups: { safety: "Sicherheitskette", devices: "Geräte", moment: "Im Augenblick" },
     tick: "Sicherheitstakt",
     tickText: (p99, longest, missed, scheduler) =>
       `p99 ${decimal(p99, 2)} ms zu spät, längste Lücke ${longest.toFixed(0)} ms, ${missed} verpasst${scheduler ? `, ${scheduler}` : ""}`,
-    age: (age) => `${age} alt`,
     never: "nie gelesen",
-    gone: "nicht verbunden",
-    deviceAges: "Alter der Messwerte",
-    devices: { laser: "Laser", feeder: "Förderer", io: "E/A", cnc: "CNC" },
   },
 
   permissive: {

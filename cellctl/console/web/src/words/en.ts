@@ -1,5 +1,6 @@
 // Every word that the operator reads, in one language. Another language is another file of this shape.
 import { alarms as alarmPage } from "./alarms.en";
+import { cell } from "./cell.en";
 import { goingOn } from "./going_on";
 import { hand } from "./hand.en";
 import { parts } from "./parts.en";
@@ -15,6 +16,7 @@ const process: Record<string, string> = {
 
 export const words = {
   alarmPage,
+  cell,
   hand,
   parts,
   title: "Hybrid cell console",
@@ -138,6 +140,11 @@ export const words = {
     dismiss: "Dismiss",
     skip: "Go to the page",
     languageAria: "Change the language to German",
+    menu: "Menu and keys",
+    close: "Close",
+    keys: "Keys",
+    keyNames: { stop: "STOP: laser, powder and motion off at once", hold: "HOLD the job", pages: "Open a page", menu: "This menu", close: "Close what is open" },
+    letterKeys: "Digits and ? are keys too",
   },
 
   machine: {
@@ -173,17 +180,13 @@ export const words = {
     dark: "off",
     permits: (enabled: boolean, permitted: boolean) => `${enabled ? "enabled" : "not enabled"}, ${permitted ? "permitted" : "no permit"}`,
     permissives: "Conditions for the laser",
-    allMet: "All met",
-    missing: (count: number) => `${count} not met`,
-    interlocks: "Interlocks",
+    allMet: "may emit",
+    missing: (count: number) => `locked: ${count} not met`,
+    groups: { safety: "Safety chain", devices: "Devices", moment: "This moment" },
     tick: "Safety tick",
     tickText: (p99: number, longest: number, missed: number, scheduler: string) =>
       `p99 ${p99.toFixed(2)} ms late, longest gap ${longest.toFixed(0)} ms, ${missed} missed${scheduler ? `, ${scheduler}` : ""}`,
-    age: (age: string) => `${age} old`,
     never: "never read",
-    gone: "not connected",
-    deviceAges: "Age of the readings",
-    devices: { laser: "Laser", feeder: "Feeder", io: "I/O", cnc: "CNC" },
   },
 
   permissive: {
@@ -209,7 +212,7 @@ export const words = {
     chiller_ok: ["Chiller ready", "Chiller not ready"],
     gas_pressure_ok: ["Gas pressure", "Gas pressure low"],
     fume_extraction_ok: ["Extraction on", "Extraction off"],
-  } as Record<string, [string, string]>,
+  } as Record<string, readonly [string, string]>,
   head: { deployed: "Head deployed", parked: "Head parked", between: "Head between" },
   ok: "met",
   notOk: "not met",
