@@ -66,7 +66,11 @@ def build_service(settings: Settings) -> Service:
         feed.take_event(event)
         runs.wake()
 
-    link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, lambda: runs.wake())
+    def on_connect() -> None:
+        feed.look_in_store()
+        runs.wake()
+
+    link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, on_connect)
     runs = Runs(store, link, feed.take_job, served.by_hand)
     work = JobWork(store, workers, served, settings.cell_file)
     queue = PlanningQueue(store, work, feed.take_job, settings.planning_slots)

@@ -34,12 +34,17 @@ def event_text(event: Event) -> str:
 
 
 class Viewer:
-    """One connection's mail: events and jobs in order, at most one snapshot."""
+    """One connection's mail: events in order, word of changed jobs, at most one snapshot.
+
+    jobs : those on which work went on; has_jobs : some were changed; has_missed : there may be events in the store that did not come by
+    """
 
     def __init__(self) -> None:
         self.events: deque[Event] = deque()
         self.jobs: dict[str, None] = {}
         self.has_snapshot = False
+        self.has_jobs = False
+        self.has_missed = False
         self.is_behind = False
         self.wake = asyncio.Event()
 
@@ -93,4 +98,11 @@ class Feed:
         """A job changed; each viewer reads it once however often that was."""
         for viewer in self._viewers:
             viewer.jobs[job_id] = None
+            viewer.has_jobs = True
+            viewer.wake.set()
+
+    def look_in_store(self) -> None:
+        """The cell process was away: what it wrote meanwhile is in the store and came by nobody."""
+        for viewer in self._viewers:
+            viewer.has_missed = True
             viewer.wake.set()
