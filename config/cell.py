@@ -211,6 +211,14 @@ class Service(Facts):
     )
 
 
+class Rates(Facts):
+    """What the cell costs, for estimates; what is not stated is not guessed, and no cost is shown."""
+
+    currency: str = Field(min_length=1, max_length=8, description="in which all rates are, e.g. EUR; that of the powder's price too")
+    machine_per_h: NotNegative | None = Field(None, description="currency per hour that the cell works on a part: machine, room, attendance")
+    gas_per_m3: NotNegative | None = Field(None, description="currency per cubic metre of gas at 1 bar")
+
+
 class Simulation(Facts):
     """Read by `sim` only."""
 
@@ -243,6 +251,7 @@ class Cell(Facts):
     service: Service = Service()
     by_hand: ByHand = ByHand()
     simulation: Simulation = Simulation()
+    rates: Rates | None = Field(None, description="none: estimates show no cost")
     machine: MachineGeometry | None = Field(None, description="none: no collisions are looked for")
     proof: ProofLimits = ProofLimits()
     macros: dict[DialectName, Macros] = Field(default_factory=dict, description="lines per dialect at the fixed places of a program")
@@ -254,12 +263,12 @@ class Cell(Facts):
     def sha256(self) -> str:
         """Hash (hex) of what a Program depends on; the machine's STL files by what is in them, wherever they are.
 
-        Not: the wires, the service's address, the simulation, the reactions, and the limits that only the proof judges by.
+        Not: the wires, the service's address, the simulation, the reactions, the rates, and the limits that only the proof judges by.
         """
         left_out: dict[str, Any] = {
             "mode": True, "cnc": {"port", "baud", "tool_change_s", "spindle_s"},
             "links": True, "service": True, "by_hand": True, "simulation": True, "proof": True,
-            "reactions": True, "limits": {"retract_mm"},
+            "reactions": True, "rates": True, "limits": {"retract_mm"},
             "machine": {"solids": {"__all__": {"file"}}},
         }  # fmt: skip
         return self._with_files(self.model_dump_json(exclude=left_out))

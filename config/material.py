@@ -124,6 +124,13 @@ class PartHeat(Facts):
     emissivity: Fraction
 
 
+class Price(Facts):
+    """What the powder costs, as the shop bought it."""
+
+    per_kg: NotNegative = Field(description="currency per kilogram that is fed")
+    currency: str = Field(min_length=1, max_length=8, description="e.g. EUR; the same as that of the cell's rates")
+
+
 class Material(Facts):
     """One powder."""
 
@@ -137,10 +144,13 @@ class Material(Facts):
     thermal: Thermal
     head: Head
     part_heat: PartHeat
+    price: Price | None = Field(None, description="none: estimates show no cost")
 
     @model_validator(mode="after")
     def _sourced(self) -> Material:
         groups = {"density_g_mm3", "bead", "deposition", "milling", "thermal", "head", "part_heat"}
+        if self.price is not None:
+            groups.add("price")
         missing = sorted(groups - {key.split(".")[0] for key in self.source})
         if missing:
             raise ValueError(f"source: no origin stated for {', '.join(missing)}")

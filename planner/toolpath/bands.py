@@ -93,13 +93,13 @@ def _band(layers: list[LayerRegion], first: int, last: int, mesh: Mesh, settings
     kind: Kind = "upright"
     walls: tuple[Wall, ...] = ()
     if not all(layer.is_upright and is_same(layer.region, region) for layer in members):
-        kind, walls = _leaning(members, region, mesh, settings)
+        kind, walls = leaning(members, region, mesh, settings)
     return Band(
         first, last, members[0].z_bottom, members[-1].z_top, kind, region, walls if kind == "ruled" else (), continues
     )
 
 
-def _leaning(
+def leaning(
     members: list[LayerRegion], region: MultiPolygon, mesh: Mesh, settings: Settings
 ) -> tuple[Kind, tuple[Wall, ...]]:
     """How walls that are not quite upright are milled: along their contours' rulings, upright where that is as good, else evened."""
