@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from cellctl.api import (
     cell,
     drawings,
+    estimates,
     facts,
     health,
     jobs,
@@ -36,6 +37,7 @@ from cellctl.api.security import BodyLimit, Guard
 from cellctl.domain.messages import Event
 from cellctl.domain.snapshot import Snapshot
 from cellctl.planning.jobwork import JobWork
+from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
 from cellctl.store import open_store
@@ -74,7 +76,7 @@ def build_service(settings: Settings) -> Service:
     runs = Runs(store, link, feed.take_job, served.by_hand)
     work = JobWork(store, workers, served, settings.cell_file)
     queue = PlanningQueue(store, work, feed.take_job, settings.planning_slots)
-    return Service(settings, served, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics())
+    return Service(settings, served, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), Previews(settings.worker_memory_bytes))
 
 
 def make_app(service: Service, bound_host: str, page: Page | None = None) -> FastAPI:
@@ -92,6 +94,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+            await service.previews.close()
             await service.deeds.close()
             service.store.close()
 
@@ -105,7 +108,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     )
     app.state.service = service
     problems.install(app)
-    for module in (sign_in, parts, uploads, jobs, resumption, results, drawings, cell, facts, tokens, health, live):
+    for module in (sign_in, parts, uploads, estimates, jobs, resumption, results, drawings, cell, facts, tokens, health, live):
         app.include_router(module.router)
     app.include_router(page.router)
     app.add_middleware(Conditional)

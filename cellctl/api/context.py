@@ -16,6 +16,7 @@ from cellctl.api.feed import Feed
 from cellctl.api.incoming import Receiving
 from cellctl.api.metrics import Metrics
 from cellctl.api.runs import Runs
+from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
 from cellctl.store import Store
@@ -54,6 +55,7 @@ class Service:
     runs: Runs
     inspections: asyncio.Semaphore
     metrics: Metrics
+    previews: Previews
     deeds: Deeds = field(default_factory=Deeds)
     receiving: Receiving = field(default_factory=Receiving)
 

@@ -47,7 +47,11 @@ class Line:
 
     def send(self, report: Report) -> None:
         """Write one report."""
-        self._file.write(msgspec.json.encode(report) + b"\n")
+        self.write(msgspec.json.encode(report))
+
+    def write(self, text: bytes) -> None:
+        """Write one line."""
+        self._file.write(text + b"\n")
 
     def progress(self, stage: str, fraction: float) -> None:
         """Tell how far it is, if it was not told just now."""

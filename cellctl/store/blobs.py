@@ -58,6 +58,14 @@ class Blobs:
         """The mended mesh as binary STL in mm."""
         return self.folder / "parts" / f"{mesh_sha256}.mesh.stl"
 
+    def thumbnail(self, mesh_sha256: str) -> Path:
+        """A small picture of the mended mesh, PNG; made again if it is gone."""
+        return self.folder / "parts" / f"{mesh_sha256}.png"
+
+    def figures(self, sha256: str) -> Path:
+        """The plan in figures, JSON; made again if it is gone."""
+        return self.folder / "plans" / f"{sha256}.figures.json"
+
     def plan(self, sha256: str) -> Path:
         """plan.h5"""
         return self.folder / "plans" / f"{sha256}.h5"
