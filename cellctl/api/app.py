@@ -11,6 +11,7 @@ import msgspec
 from fastapi import FastAPI
 
 from cellctl.api import (
+    alarms,
     cell,
     drawings,
     estimates,
@@ -24,6 +25,7 @@ from cellctl.api import (
     resumption,
     sign_in,
     tokens,
+    trends,
     uploads,
 )
 from cellctl.api.cell_link import CellLink
@@ -34,6 +36,7 @@ from cellctl.api.metrics import Measure, Metrics
 from cellctl.api.page import Page
 from cellctl.api.runs import Runs
 from cellctl.api.security import BodyLimit, Guard
+from cellctl.api.trend_keeper import TrendKeeper
 from cellctl.domain.messages import Event
 from cellctl.domain.snapshot import Snapshot
 from cellctl.planning.jobwork import JobWork
@@ -86,7 +89,8 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         service.store.blobs.clear_staging()
-        running = (service.link.run(), service.queue.run(), service.runs.run(), uploads.sweep_now_and_then(service))
+        keeper = TrendKeeper(service.store)
+        running = (service.link.run(), service.queue.run(), service.runs.run(), uploads.sweep_now_and_then(service), keeper.run())
         tasks = [asyncio.create_task(task) for task in running]
         try:
             yield
@@ -108,7 +112,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     )
     app.state.service = service
     problems.install(app)
-    for module in (sign_in, parts, uploads, estimates, jobs, resumption, results, drawings, cell, facts, tokens, health, live):
+    for module in (sign_in, parts, uploads, estimates, jobs, resumption, results, drawings, alarms, trends, cell, facts, tokens, health, live):
         app.include_router(module.router)
     app.include_router(page.router)
     app.add_middleware(Conditional)

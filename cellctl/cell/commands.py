@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import structlog
 
+from cellctl.cell.acknowledging import acknowledge
 from cellctl.cell.answering import written
 from cellctl.cell.answers import Answers
 from cellctl.cell.by_hand import ByHand
@@ -61,6 +62,7 @@ class Commands:
             "stop": self._stop,
             "reset": self._reset,
             "record": self._record,
+            "acknowledge": self._acknowledge,
             "take_control": self._take_control,
             "release_control": self._release_control,
             "present": self._present,
@@ -283,7 +285,7 @@ class Commands:
         c.event(
             "reset",
             f"{command.who} resets: {', '.join(c.alarms) or 'stop'}",
-            {"who": command.who, "codes": [*c.alarms]},
+            {"who": command.who, "codes": [*c.alarms], "because": command.because},
         )
         c.go(T.RESET, command.because or "reset by the operator")
         c.transaction = Transaction(reset_steps(c))
@@ -315,6 +317,9 @@ class Commands:
         c = self._c
         view = c.job_view() if c.run is not None else c.ended.view if c.ended else None
         return {"job": msgspec.to_builtins(view), "lines": msgspec.to_builtins(c.lines())}
+
+    async def _acknowledge(self, command: Command) -> dict[str, Any]:
+        return acknowledge(self._c, command)
 
     async def close(self) -> None:
         """End work under way."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+from cellctl.cell.acknowledging import mark
 from cellctl.cell.behaviour import STEPS
 from cellctl.cell.clock_watch import ClockWatch
 from cellctl.cell.cnc_checks import tells_tool
@@ -96,7 +97,7 @@ class Controller:
         self.gate = Gate(self)
         self.spindle = SpindleWatch(self)
         self.powder_until: float | None = None  # wire time at which powder that a reaction let flow on is shut
-        self._sampling = Sampling(self)
+        self.sampling = Sampling(self)
         self._recover()
 
     # -- wires ---------------------------------------------------------------------------------------------------------
@@ -142,6 +143,8 @@ class Controller:
             self.fault("restarted", f"{run.name}, last executed line {run.last_line} of {run.total_lines}")
         for code, detail, remedy in self.found.alarms:
             self.fault(code, detail, remedy)
+        for code, (who, at) in self.found.seen.items():
+            mark(self, [code], who, at)
         if self.found.is_stopped:
             self.go(T.STOP, "stopped before the cell process ended")
         if self.found.unfinished:
@@ -233,7 +236,7 @@ class Controller:
             self.hand.lock(error.message)
         self._decide(now)
         note(self, now)
-        self._sampling.take(now)
+        self.sampling.take(now)
 
     def act(self, now: float) -> None:
         """Between two ticks: carry out what is due at its own time, and give or take the permit by the levels as they stand."""

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cellctl.cell.black_box import BlackBox, Place
+from cellctl.domain.channels import NAMES
 
 KEPT_COMMANDS = 10_000
 
-# The same tables as the store's first migration.
+# The same tables as the store's migrations make.
 TABLES = """
 CREATE TABLE IF NOT EXISTS events (
   seq INTEGER PRIMARY KEY AUTOINCREMENT, at REAL NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL,
@@ -19,16 +20,17 @@ CREATE TABLE IF NOT EXISTS events (
 CREATE TABLE IF NOT EXISTS journal (
   id INTEGER PRIMARY KEY AUTOINCREMENT, at REAL, job TEXT, state TEXT, executed_line INTEGER, layer INTEGER, arc_mm REAL,
   laser_setpoint_w REAL, laser_readback_w REAL, powder_setpoint_g_min REAL, powder_readback_g_min REAL,
-  tip_x REAL, tip_y REAL, tip_z REAL);
+  tip_x REAL, tip_y REAL, tip_z REAL, carrier_gas_setpoint_l_min REAL, carrier_gas_readback_l_min REAL,
+  shield_gas_setpoint_l_min REAL, shield_gas_readback_l_min REAL, tip_speed_mm_s REAL, planner_fill_percent REAL,
+  rx_fill_percent REAL, tick_jitter_ms REAL, spindle_rpm REAL, feed_override_percent REAL, laser_override_percent REAL,
+  powder_override_percent REAL, interlocks INTEGER);
 CREATE TABLE IF NOT EXISTS cell_runs (
   job TEXT PRIMARY KEY, name TEXT, program TEXT, program_sha256 TEXT, started_at REAL, ended_at REAL, outcome TEXT,
   last_line INTEGER, total_lines INTEGER, who TEXT, command_id TEXT UNIQUE);
 """
 EVENT = "INSERT INTO events (at, kind, text, job, data) VALUES (?, ?, ?, ?, ?)"
-SAMPLE = (
-    "INSERT INTO journal (at, job, state, executed_line, layer, arc_mm, laser_setpoint_w, laser_readback_w,"
-    " powder_setpoint_g_min, powder_readback_g_min, tip_x, tip_y, tip_z) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)"
-)
+PLACE = ("at", "job", "state", "executed_line", "layer", "arc_mm", "tip_x", "tip_y", "tip_z", "interlocks")
+SAMPLE = f"INSERT INTO journal ({', '.join((*PLACE, *NAMES))}) VALUES ({', '.join('?' * (len(PLACE) + len(NAMES)))})"
 RUN = (
     "INSERT INTO cell_runs (job, name, program, program_sha256, started_at, ended_at, outcome, last_line, total_lines, who,"
     " command_id) VALUES (?,?,?,?,?,NULL,'',0,?,?,?)"
@@ -39,26 +41,27 @@ END = "UPDATE cell_runs SET ended_at = ?, outcome = ?, last_line = ? WHERE job =
 
 @dataclass(frozen=True)
 class Sample:
-    """One row of the journal. at : Unix time (s); executed_line : count of executed lines; arc in mm, tip in the build frame."""
+    """One row of the journal. at : Unix time (s); executed_line : count of executed lines; arc in mm, tip in the build frame.
+
+    figures : one for each of domain.channels.NAMES, None where nobody knows; without a job all that is of a job is None
+    interlocks : bits as in domain.channels.INTERLOCK_BITS
+    """
 
     at: float
     job: str
     state: str
-    executed_line: int
-    layer: int
-    arc_mm: float
-    laser_setpoint_w: float
-    laser_readback_w: float
-    powder_setpoint_g_min: float
-    powder_readback_g_min: float
-    tip: tuple[float, float, float]
+    executed_line: int | None
+    layer: int | None
+    arc_mm: float | None
+    figures: tuple[float | None, ...]
+    tip: tuple[float, float, float] | tuple[None, None, None] = (None, None, None)
+    interlocks: int | None = None
 
     @property
     def row(self) -> tuple[Any, ...]:
-        """Values in the order of the table."""
+        """Values in the order of the statement SAMPLE."""
         return (
-            self.at, self.job, self.state, self.executed_line, self.layer, self.arc_mm, self.laser_setpoint_w,
-            self.laser_readback_w, self.powder_setpoint_g_min, self.powder_readback_g_min, *self.tip,
+            self.at, self.job, self.state, self.executed_line, self.layer, self.arc_mm, *self.tip, self.interlocks, *self.figures,
         )  # fmt: skip
 
 
@@ -101,6 +104,7 @@ class Found:
     replies: dict[str, dict[str, Any]] = field(default_factory=dict)
     jobs: set[str] = field(default_factory=set)
     alarms: list[tuple[str, str, str]] = field(default_factory=list)
+    seen: dict[str, tuple[str, float]] = field(default_factory=dict)  # code -> who acknowledged it, and when (Unix, s)
     is_stopped: bool = False
     last: dict[str, dict[str, Any]] = field(default_factory=dict)  # kind -> data of the last event of it: who has control, the position
 
@@ -123,6 +127,11 @@ def find(db: sqlite3.Connection, box: BlackBox) -> Found:
     found.alarms = [
         (entry["code"], entry["detail"], entry["remedy"]) for entry in map(json.loads, (row[0] for row in rows))
     ]
+    (reset,) = db.execute("SELECT coalesce(max(seq), 0) FROM events WHERE kind = 'reset'").fetchone()
+    rows = db.execute("SELECT at, data FROM events WHERE kind = 'acknowledge' AND seq > ? ORDER BY seq", (reset,))
+    for at, data in rows:
+        entry = json.loads(data)
+        found.seen.update(dict.fromkeys(entry["codes"], (entry["who"], at)))
     last = db.execute("SELECT data FROM events WHERE kind = 'state' ORDER BY seq DESC LIMIT 1").fetchone()
     found.is_stopped = last is not None and json.loads(last[0])["state"] == "STOPPED"
     for kind in ("control", "position"):

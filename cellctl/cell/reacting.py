@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cellctl.cell.safety import Told
 from cellctl.domain.causes import is_explained
@@ -122,7 +122,9 @@ def _latch(c: Controller, code: str, detail: str, remedy: str) -> str:
     c.alarms_made += 1
     c.alarms[code] = Alarm(c.alarms_made, began_at, code, cause, cure)
     c.told[code] = Told(detail, c.times.wire.now())
-    data = {"code": code, "detail": detail, "remedy": remedy, "shown_remedy": cure, "instead_of": replaced}
+    data: dict[str, Any] = {"code": code, "detail": detail, "remedy": remedy, "shown_remedy": cure, "instead_of": replaced}
+    if c.run is not None:
+        data |= {"line": c.run.line, "layer": int(c.run.row["layer"])}
     c.event("alarm", cause, data)
     if replaced:
         c.because = cause

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cellctl.cell import overriding
 from cellctl.cell.controller import Controller
+from cellctl.cell.figures import fills_percent
 from cellctl.cell.tick import Beat
 from cellctl.domain.snapshot import Alarm, CncView, FeederView, IoView, LaserView, LatencyView, Snapshot, TickView
 from cellctl.domain.states import EXECUTION, State
@@ -42,12 +43,17 @@ def snapshot(c: Controller, seq: int, beat: Beat) -> Snapshot:
         job=c.job_view() if c.run is not None else c.ended.view if c.ended else None,
         permissives=c.permissives,
         alarms=_alarms(c),
-        tick=TickView(beat.count, beat.missed, round(beat.jitter_p99_ms, 3), beat.scheduler, round(beat.longest_ms, 1)),
+        tick=_tick(c, beat),
         control=c.control.view,
         table=c.table.view,
         overrides=overriding.view(c),
         position=c.position.why,
     )
+
+
+def _tick(c: Controller, beat: Beat) -> TickView:
+    worst_ms = round(c.sampling.jitter.worst_ms, 2)
+    return TickView(beat.count, beat.missed, round(beat.jitter_p99_ms, 3), beat.scheduler, round(beat.longest_ms, 1), worst_ms)
 
 
 def _waiting(c: Controller) -> str:
@@ -140,5 +146,5 @@ def _cnc(c: Controller, d: CellDrivers) -> CncView:
         return CncView(connected=c.is_cnc_alive, firmware=firmware)
     return CncView(
         c.is_cnc_alive, _age(c.senses.cnc_age_s), firmware, status.state, status.machine, status.work, status.feed_mm_min,
-        status.rpm, status.tool or 0, status.planner_free or 0, status.rx_free or 0, status.overrides[0],
+        status.rpm, status.tool or 0, status.planner_free or 0, status.rx_free or 0, status.overrides[0], *fills_percent(d),
     )  # fmt: skip

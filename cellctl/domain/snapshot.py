@@ -85,6 +85,8 @@ class CncView(msgspec.Struct, frozen=True):
     planner_free: int = 0
     rx_free: int = 0
     feed_override: int = 100
+    planner_fill_percent: float | None = None  # None: not reported
+    rx_fill_percent: float | None = None
 
 
 class Permissive(msgspec.Struct, frozen=True):
@@ -102,13 +104,18 @@ class Permissive(msgspec.Struct, frozen=True):
 
 
 class Alarm(msgspec.Struct, frozen=True):
-    """A latched fault: cause and remedy in the operator's words."""
+    """A latched fault: cause and remedy in the operator's words. acknowledged_by : who said that it was seen; "": nobody
+
+    at, acknowledged_at : Unix time (s)
+    """
 
     id: int
     at: float
     code: str
     cause: str
     remedy: str
+    acknowledged_by: str = ""
+    acknowledged_at: float = 0.0
 
 
 class JobView(msgspec.Struct, frozen=True):
@@ -169,13 +176,17 @@ class OverridesView(msgspec.Struct, frozen=True):
 
 
 class TickView(msgspec.Struct, frozen=True):
-    """The safety tick's own health. longest_ms : longest time between two of the ticks that jitter is stated over"""
+    """The safety tick's own health. longest_ms : longest time between two of the ticks that jitter is stated over
+
+    worst_ms : largest deviation of the time between two ticks from the period, of the last moment, as the trends have it
+    """
 
     count: int = 0
     missed: int = 0
     jitter_p99_ms: float = 0.0
     scheduler: str = ""
     longest_ms: float = 0.0
+    worst_ms: float = 0.0
 
 
 class Snapshot(msgspec.Struct, frozen=True):

@@ -10,6 +10,7 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     Table,
@@ -217,6 +218,8 @@ events = Table(
     Column("job", Text, nullable=False, server_default=""),
     Column("data", Text, nullable=False, server_default="{}"),
     Index("ix_events_job", "job"),
+    Index("ix_events_at", "at"),
+    Index("ix_events_kind", "kind", "seq"),
     sqlite_autoincrement=True,
 )
 
@@ -237,8 +240,33 @@ journal = Table(
     Column("tip_x", REAL),
     Column("tip_y", REAL),
     Column("tip_z", REAL),
+    Column("carrier_gas_setpoint_l_min", REAL),
+    Column("carrier_gas_readback_l_min", REAL),
+    Column("shield_gas_setpoint_l_min", REAL),
+    Column("shield_gas_readback_l_min", REAL),
+    Column("tip_speed_mm_s", REAL),
+    Column("planner_fill_percent", REAL),
+    Column("rx_fill_percent", REAL),
+    Column("tick_jitter_ms", REAL),
+    Column("spindle_rpm", REAL),
+    Column("feed_override_percent", REAL),
+    Column("laser_override_percent", REAL),
+    Column("powder_override_percent", REAL),
+    Column("interlocks", Integer),
     Index("ix_journal_job", "job"),
+    Index("ix_journal_at", "at"),
     sqlite_autoincrement=True,
+)
+
+# Of the samples, made by the web process: least, greatest, sum and count of each channel in steps of level_s (trend_levels.py).
+trend_levels = Table(
+    "trend_levels",
+    metadata,
+    Column("level_s", Integer, primary_key=True, autoincrement=False),
+    Column("start_at", BigInt, primary_key=True, autoincrement=False),
+    Column("samples", Integer, nullable=False),
+    Column("last_id", BigInt, nullable=False),
+    Column("figures", LargeBinary, nullable=False),
 )
 
 cell_runs = Table(

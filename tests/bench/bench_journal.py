@@ -23,8 +23,11 @@ from cellctl.cell.ipc import encode, read_message
 from cellctl.cell.opened_program import timeline_of
 from cellctl.cell.record import PROGRESS, SAMPLE, Journal, Sample
 from cellctl.cell.whereabouts import note
+from cellctl.domain.channels import NAMES
 from cellctl.domain.messages import PROTOCOL, Command, Event, Hello, Live, Message, Reply
 from cellctl.domain.timeline import Timeline
+from cellctl.store import upgrade
+from cellctl.store.engine import DATABASE
 from config.cell import load_cell
 from planner.files import write_program
 from tests.bench.served import start_sim
@@ -42,6 +45,7 @@ JOURNAL_S = 20.0
 SAMPLES_HZ = 10.0  # one row and one update per status report
 EVENTS_HZ = 2.0
 TICKS = 400
+FIGURES = tuple(100.0 + k for k in range(len(NAMES)))
 
 
 class Bench:
@@ -169,8 +173,9 @@ async def kills() -> list[tuple[float, float, float]]:
 def journal_cost() -> tuple[float, float]:
     """(CPU % of a core, commits per second) of the journal with the rows of a running job, its thread and the queueing."""
     with tempfile.TemporaryDirectory(prefix="bench-journal-") as place:
-        journal = Journal(Path(place) / "store.db")
-        sample = Sample(1.0, "j", "RUNNING", 3, 0, 1.5, 800.0, 799.0, 10.0, 9.9, (1.0, 2.0, 3.0))
+        upgrade(Path(place))
+        journal = Journal(Path(place) / DATABASE)
+        sample = Sample(1.0, "j", "RUNNING", 3, 0, 1.5, FIGURES, (1.0, 2.0, 3.0), 31)
         journal.start()
         began, cpu = time.monotonic(), time.process_time()
         for k in range(int(JOURNAL_S * SAMPLES_HZ)):

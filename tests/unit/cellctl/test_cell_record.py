@@ -12,7 +12,10 @@ import pytest
 
 from cellctl.cell import record
 from cellctl.cell.record import END, GROUP_S, RUN, SAMPLE, Journal, Sample, StoreError
+from cellctl.domain.channels import NAMES
 from cellctl.domain.messages import Event
+
+FIGURES = tuple(float(k) for k in range(len(NAMES)))
 
 
 def event(text: str, kind: str = "state") -> Event:
@@ -36,7 +39,7 @@ async def test_durable_returns_when_another_connection_can_read_what_was_queued(
 async def test_rows_come_to_the_disk_in_groups_without_anybody_waiting(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "s.db")
     journal.start()
-    sample = Sample(1.0, "j", "RUNNING", 3, 0, 1.5, 800.0, 799.0, 10.0, 9.9, (1.0, 2.0, 3.0))
+    sample = Sample(1.0, "j", "RUNNING", 3, 0, 1.5, FIGURES, (1.0, 2.0, 3.0), 31)
     began = time.monotonic()
     for _ in range(500):
         journal.write(SAMPLE, sample.row)
@@ -86,7 +89,7 @@ def test_a_row_that_can_never_be_written_is_set_aside_and_told_and_the_others_go
     told: list[Event] = []
     journal.on_committed = told.extend
     journal.event(event("before"))
-    sample = Sample(1.0, "j", "RUNNING", 1 << 70, 0, 1.5, 800.0, 799.0, 10.0, 9.9, (1.0, 2.0, 3.0))
+    sample = Sample(1.0, "j", "RUNNING", 1 << 70, 0, 1.5, FIGURES, (1.0, 2.0, 3.0), 31)
     journal.write(SAMPLE, sample.row)
     journal.event(event("behind"))
     journal.commit()

@@ -13,13 +13,14 @@ import pytest
 from cellctl.cell import record
 from cellctl.cell.record import END, RUN, SAMPLE, Journal, Sample
 from cellctl.cell.sample_keeping import EACH, STEP_ROWS, SampleKeeping
+from cellctl.domain.channels import NAMES
 from cellctl.domain.messages import Event
 
 WHOLE = 1000
 
 
 def row(k: int) -> tuple[object, ...]:
-    return Sample(float(k), "job", "RUNNING", k, 0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)).row
+    return Sample(float(k), "job", "RUNNING", k, 0, 0.0, (0.0,) * len(NAMES), (0.0, 0.0, 0.0), 31).row
 
 
 def filled(store: Path, rows: int) -> None:
