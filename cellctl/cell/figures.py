@@ -79,7 +79,9 @@ def _of_cnc(c: Controller, d: CellDrivers, jitter_ms: float) -> tuple[Figure, ..
 
 def figures(c: Controller, d: CellDrivers, jitter_ms: float) -> tuple[Figure, ...]:
     """One for each of domain.channels.NAMES, as the cell stands. jitter_ms : of the tick, since the sample before"""
-    return *_of_devices(d), *_of_cnc(c, d, jitter_ms), None, None
+    overrides = c.run.overrides if c.run is not None else None
+    percents = (None, None) if overrides is None else (float(overrides.laser_percent), float(overrides.powder_percent))
+    return *_of_devices(d), *_of_cnc(c, d, jitter_ms), *percents
 
 
 def interlocks(d: CellDrivers) -> int | None:
