@@ -284,3 +284,25 @@ cell_runs = Table(
     Column("who", Text),
     Column("command_id", Text, unique=True),
 )
+
+consumables = Table(
+    "consumables",
+    metadata,
+    Column("seq", BigInt, primary_key=True, autoincrement=True),
+    Column("at", REAL, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("kind", String(16), nullable=False),
+    Column("lot", Text, nullable=False),
+    Column("material", Text, nullable=False, server_default=""),
+    Column("note", Text, nullable=False, server_default=""),
+    sqlite_autoincrement=True,
+)
+
+records = Table(
+    "records",
+    metadata,
+    Column("job", String(40), ForeignKey("jobs.id"), primary_key=True),
+    Column("manifest_sha256", String(64), nullable=False),
+    Column("at", REAL, nullable=False),
+    Column("samples", BigInt, nullable=False),
+)
