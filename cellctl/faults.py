@@ -36,6 +36,7 @@ TABLE: dict[tuple[str, str], tuple[str, int, int]] = {
     ("drivers.errors", "DriverError"): ("A device of the cell cannot be used", 503, 1),
     ("cellctl.store.engine", "StoreError"): ("The store cannot be used", 503, 2),
     ("cellctl.client", "ServiceError"): ("The service refused", 502, 1),
+    ("cellctl.record.seal", "SealError"): ("The record is not what was sealed", 500, 1),
     ("cellctl.supervise", "ServeError"): ("The service cannot start", 503, 2),
     ("cellctl.cli.input", "InputFault"): ("Bad input", 422, 2),
     ("cellctl.demo", "DemoError"): ("The demo failed", 500, 1),

@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from cellctl.api import (
     alarms,
     cell,
+    consumables,
     drawings,
     estimates,
     facts,
@@ -21,6 +22,7 @@ from cellctl.api import (
     live,
     parts,
     problems,
+    record,
     results,
     resumption,
     sign_in,
@@ -46,6 +48,27 @@ from cellctl.planning.queue import PlanningQueue
 from cellctl.store import open_store
 from cellctl.store.tokens import Role
 from config import load_cell
+
+# In the order in which a path is looked for.
+ROUTES = (
+    sign_in,
+    parts,
+    uploads,
+    estimates,
+    jobs,
+    resumption,
+    results,
+    drawings,
+    alarms,
+    trends,
+    record,
+    consumables,
+    cell,
+    facts,
+    tokens,
+    health,
+    live,
+)
 
 DESCRIPTION = """Parts go in, plans are made and proved, a person approves, the cell builds.
 
@@ -91,6 +114,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         service.store.blobs.clear_staging()
         keeper = TrendKeeper(service.store)
         running = (service.link.run(), service.queue.run(), service.runs.run(), uploads.sweep_now_and_then(service), keeper.run())
+        running = (service.link.run(), service.queue.run(), service.runs.run(), uploads.sweep_now_and_then(service), service.keeping.run())
         tasks = [asyncio.create_task(task) for task in running]
         try:
             yield
@@ -112,7 +136,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     )
     app.state.service = service
     problems.install(app)
-    for module in (sign_in, parts, uploads, estimates, jobs, resumption, results, drawings, alarms, trends, cell, facts, tokens, health, live):
+    for module in ROUTES:
         app.include_router(module.router)
     app.include_router(page.router)
     app.add_middleware(Conditional)

@@ -19,6 +19,7 @@ from cellctl.api.runs import Runs
 from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
+from cellctl.record.keeping import Keeping
 from cellctl.store import Store
 from config import Cell
 
@@ -57,6 +58,10 @@ class Service:
     metrics: Metrics
     previews: Previews
     deeds: Deeds = field(default_factory=Deeds)
+    keeping: Keeping = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "keeping", Keeping(self.store, self.workers))
     receiving: Receiving = field(default_factory=Receiving)
 
     @property

@@ -1,119 +1,132 @@
-"""The record of a job: hashes, people, proof, run, figures per layer, events; as a document and as a page without scripts."""
+"""The record of a job over REST: sealed once its run has ended, as it stands now before that; and the key that verifies it."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import tomllib
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
-from datetime import UTC, datetime
-from html import escape
-from typing import Any
+import asyncio
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from sqlalchemy import Connection
+from fastapi import APIRouter, Query
+from fastapi.responses import FileResponse, JSONResponse, Response
+from pydantic import BaseModel, Field
 
-from cellctl.api.feed import event_document
-from cellctl.store import audit, history, jobs, parts
+from cellctl.api.problems import DOCUMENTED, ApiError
+from cellctl.api.results import REPORT_POLICY
+from cellctl.api.sign_in import ServiceOf, Viewer
+from cellctl.planning.process import WorkerError
+from cellctl.record.gather import record_of
+from cellctl.record.keeping import manifest_of, sealed
+from cellctl.record.layout import DOCUMENT, PAGE, SAMPLES, SEALING
+from cellctl.record.seal import fingerprint_of, open_seal
+from cellctl.store import Store, jobs
 
-SCHEMA = 1
-
-
-def record_of(connection: Connection, job_id: str) -> dict[str, Any]:
-    """Everything known about a job. Raises NotFoundError."""
-    job = jobs.get(connection, job_id)
-    part = parts.get(connection, job.part_id)
-    run = history.run_of(connection, job_id)
-    return {
-        "schema": SCHEMA,
-        "job": {
-            "id": job.id,
-            "name": job.name,
-            "state": job.state.value,
-            "cell": job.cell,
-            "material": job.material,
-            "why": job.why,
-            "continues_job": job.continues_job,
-        },
-        "resumption": None if job.continues_job is None else {**(job.resume_point or {}), **(job.resumption or {})},
-        "part": {
-            "id": part.id,
-            "name": part.name,
-            "units": part.units,
-            "bbox_mm": part.inspection.bbox_mm,
-            "volume_mm3": part.inspection.volume_mm3,
-            "findings": [finding["text"] for finding in part.inspection.findings],
-        },
-        "sha256": {
-            "file": part.sha256,
-            "mesh": part.inspection.mesh_sha256,
-            "plan": job.plan_sha256,
-            "program": job.program_sha256,
-            "proof": job.proof_sha256,
-        },
-        "recipe": tomllib.loads(job.recipe_toml),
-        "approval": {"by": job.approved_by, "because": job.approve_because, "override_reason": job.override_reason},
-        "error": job.error,
-        "proof": job.proof,
-        "timestamps": job.timestamps,
-        "run": asdict(run) if run else None,
-        "layers": [asdict(figures) for figures in history.layers_of(connection, job_id)],
-        "deeds": audit.of_target(connection, job_id),
-        "events": [event_document(event) for event in history.events_of(connection, job_id)],
-    }
+router = APIRouter(prefix="/api/v1", tags=["record"], responses=DOCUMENTED)
+MEDIA_TYPES = {
+    ".json": "application/json", ".html": "text/html; charset=utf-8", ".parquet": "application/vnd.apache.parquet",
+    ".toml": "application/toml", ".sig": "application/octet-stream", ".pem": "application/x-pem-file",
+}  # fmt: skip
+FORMATS = {"json": DOCUMENT, "html": PAGE, "parquet": SAMPLES}
 
 
-def _time(at: float | None) -> str:
-    return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M:%S UTC") if at else ""
+class RecordFile(BaseModel):
+    """One file of a sealed record."""
+
+    name: str
+    bytes: int
+    sha256: str | None = Field(description="as in the manifest; null for the manifest, its signature and the key")
 
 
-def _text(value: Any) -> str:
-    if isinstance(value, float):
-        value = f"{value:.4g}" if abs(value) < 1e5 else f"{value:.0f}"
-    return escape("" if value is None else str(value))
+class SealedRecord(BaseModel):
+    """A record that was sealed. manifest_sha256: of the signed list of its files; key: fingerprint of the key that signed it"""
+
+    job: str
+    sealed_at: float
+    manifest_sha256: str
+    key: str
+    files: list[RecordFile]
 
 
-def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = "".join("<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<h2>{escape(title)}</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if body else ""
+class RecordKey(BaseModel):
+    """The key that verifies records. fingerprint: SHA-256 of its DER form"""
+
+    public_pem: str
+    fingerprint: str
 
 
-def _pairs(title: str, values: dict[str, Any] | None) -> str:
-    return _table(title, ("what", "value"), (values or {}).items())
+def _sealed(store: Store, job_id: str) -> Path | None:
+    """The folder, None before it is sealed. Raises NotFoundError."""
+    with store.read() as rows:
+        jobs.get(rows, job_id)
+        return sealed(store, rows, job_id)
 
 
-STYLE = """body{font:14px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1a1d21}
-table{border-collapse:collapse;margin:.5rem 0 1.5rem}th,td{text-align:left;padding:.25rem .75rem;border-bottom:1px solid #d6dae0}
-th{font-weight:600;background:#f2f4f7}td{font-variant-numeric:tabular-nums;overflow-wrap:anywhere}h1{margin-bottom:.2rem}"""
+def _now(store: Store, job_id: str) -> dict[str, Any]:
+    with store.read() as rows:
+        return record_of(rows, job_id)
 
 
-PAGE_POLICY = (
-    f"default-src 'none'; style-src 'sha256-{base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+def _headers(name: str) -> dict[str, str]:
+    return {"Content-Security-Policy": REPORT_POLICY} if name.endswith(".html") else {}
+
+
+@router.get(
+    "/jobs/{job_id}/record",
+    response_model=dict[str, Any],
+    responses={200: {"content": {"text/html": {}, MEDIA_TYPES[".parquet"]: {}}}},
 )
-"""Content-Security-Policy of the page: its own style and nothing else."""
+async def get_record(
+    _person: Viewer, service: ServiceOf, job_id: str, format: Annotated[Literal["json", "html", "parquet"], Query()] = "json"
+) -> Response:
+    """What was commanded, read back and done by whom, tied to the hashes of mesh, plan and program.
+
+    `X-Record-Sealed` tells whether it is the signed one, or, while the job goes on, what is known now.
+    """
+    name = FORMATS[format]
+    folder = await asyncio.to_thread(_sealed, service.store, job_id)
+    headers = {**_headers(name), "X-Record-Sealed": "false" if folder is None else "true"}
+    media = MEDIA_TYPES[Path(name).suffix]
+    if folder is not None:
+        return FileResponse(folder / name, media_type=media, headers=headers)
+    if format == "json":
+        return JSONResponse(await asyncio.to_thread(_now, service.store, job_id), headers=headers)
+    with service.store.blobs.staging() as staged:
+        try:
+            await service.keeping.write_now(job_id, staged)
+        except WorkerError as error:
+            raise ApiError(error.failed.status, error.failed.title, error.failed.detail, error.failed.hint) from None
+        return Response((staged / name).read_bytes(), media_type=media, headers=headers)
 
 
-def html_of(record: dict[str, Any]) -> str:
-    """The record as one page that needs nothing else; every text is escaped."""
-    job = record["job"]
-    layers = record["layers"]
-    sections = [
-        f"<h1>{_text(job['name'])}</h1><p>{_text(job['state'])} · {_text(job['cell'])} · {_text(job['material'])} · {_text(job['id'])}</p>",
-        _pairs("Content (SHA-256)", record["sha256"]),
-        _pairs("Part", record["part"]),
-        _pairs("Proof", record["proof"]),
-        _pairs("Approval", record["approval"]),
-        _pairs(f"Goes on with {job['continues_job']}", record["resumption"]),
-        _pairs("Run", record["run"]),
-        _pairs("Error", record["error"]),
-        _pairs("Recipe", record["recipe"]),
-        _table("When", ("state", "time"), ((name, _time(at)) for name, at in record["timestamps"].items())),
-        _table("Layers", list(layers[0]) if layers else [], (list(row.values()) for row in layers)),
-        _table("Who did what", ("time", "who", "from", "what", "because", "outcome"),
-               ((_time(d["at"]), d["who"], d["origin"], d["verb"], d["because"], d["outcome"]) for d in record["deeds"])),
-        _table("Events", ("time", "kind", "text"), ((_time(e["at"]), e["kind"], e["text"]) for e in record["events"])),
-    ]  # fmt: skip
-    title = f"Record of {_text(job['name'])}"
-    return f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style><body>{"".join(sections)}</body></html>'
+@router.get("/jobs/{job_id}/record/seal")
+def get_seal(_person: Viewer, service: ServiceOf, job_id: str) -> SealedRecord:
+    """The files of the sealed record with their hashes. 409 before it is sealed."""
+    folder = _sealed_or_409(service.store, job_id)
+    manifest = manifest_of(folder)
+    files = [
+        RecordFile(name=path.name, bytes=path.stat().st_size, sha256=manifest["files"].get(path.name)) for path in sorted(folder.iterdir())
+    ]
+    return SealedRecord(job=job_id, sealed_at=manifest["sealed_at"], manifest_sha256=folder.name, key=manifest["key"], files=files)
+
+
+def _sealed_or_409(store: Store, job_id: str) -> Path:
+    folder = _sealed(store, job_id)
+    if folder is None:
+        raise ApiError(409, "Not sealed", "the record of this job is not sealed yet", "it is sealed some seconds after its run has ended")
+    return folder
+
+
+@router.get("/jobs/{job_id}/record/files/{name}", response_class=FileResponse, responses={200: {"content": {"application/octet-stream": {}}}})
+def get_record_file(_person: Viewer, service: ServiceOf, job_id: str, name: str) -> FileResponse:
+    """One file of the sealed record."""
+    folder = _sealed_or_409(service.store, job_id)
+    if name not in SEALING | manifest_of(folder)["files"].keys():
+        raise ApiError(404, "Not found", f"the record has no file {name[:80]!r}", "see GET /api/v1/jobs/{id}/record/seal")
+    media = MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
+    return FileResponse(folder / name, media_type=media, filename=name, headers=_headers(name))
+
+
+@router.get("/record-key")
+def get_record_key(_person: Viewer, service: ServiceOf) -> RecordKey:
+    """The public key that verifies this service's records; note its fingerprint where nobody can change it."""
+    pem = open_seal(service.store.folder).public_pem
+    return RecordKey(public_pem=pem.decode("ascii"), fingerprint=fingerprint_of(pem))

@@ -1,4 +1,4 @@
-"""What became of a job: its plan by layer, its program, its proof, its record."""
+"""What became of a job: its plan by layer, its program, its proof."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
-from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from fastapi.responses import FileResponse, HTMLResponse, Response
 from pydantic import BaseModel
 from starlette.background import BackgroundTask
 
@@ -17,7 +17,6 @@ from cellctl.api.context import Service
 from cellctl.api.drawings import drawn_plan
 from cellctl.api.models import Program, ProgramFile
 from cellctl.api.problems import DOCUMENTED, ApiError
-from cellctl.api.record import PAGE_POLICY, html_of, record_of
 from cellctl.api.sign_in import ServiceOf, Viewer
 from cellctl.planning.view import OVERVIEW, layer_file, layer_view
 from cellctl.store import jobs
@@ -301,17 +300,3 @@ def get_report(_person: Viewer, service: ServiceOf, job_id: str) -> Response:
     answer = _file(service.store.blobs.report(_made(job, job.proof_sha256, "proof")), "text/html; charset=utf-8", of=job.proof_sha256)
     answer.headers["Content-Security-Policy"] = REPORT_POLICY
     return answer
-
-
-@router.get("/record", response_model=dict[str, Any], responses={200: {"content": {"text/html": {}}}})
-def get_record(
-    _person: Viewer, service: ServiceOf, job_id: str, format: Annotated[Literal["json", "html"], Query()] = "json"
-) -> Response:
-    """What was commanded, read back and done by whom, tied to the hashes of mesh, plan and program."""
-    with service.store.read() as rows:
-        record = record_of(rows, job_id)
-    return (
-        HTMLResponse(html_of(record), headers={"Content-Security-Policy": PAGE_POLICY})
-        if format == "html"
-        else JSONResponse(record)
-    )

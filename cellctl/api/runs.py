@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from cellctl.api.table import found_of
 from cellctl.domain.jobs import ENDED, JobState
 from cellctl.domain.messages import Reply
 from cellctl.domain.snapshot import Snapshot
-from cellctl.store import Store, history, jobs, lineage
+from cellctl.store import Store, consumables, history, jobs, lineage
 from cellctl.store.history import Run
 from cellctl.store.jobs import JobRow
 from config.by_hand import ByHand
@@ -195,6 +196,7 @@ class Runs:
 
         The table has to be confirmed again then, unless the cell was only not ready: that is tried again for a while.
         """
+        await self._check_powder(job)
         program = self._store.blobs.program(job.program_sha256 or "")
         confirmed = job.timestamps.get("table_clear", 0.0)
         args = {"job": job.id, "name": job.name, "program": str(program.resolve()), "confirmed_at": confirmed}
@@ -222,6 +224,18 @@ class Runs:
         self._refusals.pop(job.id, None)
         await self.follow()
         return reply
+
+    async def _check_powder(self, job: JobRow) -> None:
+        """Raises StartRefusedError if somebody told that the feeder holds another powder than the job needs."""
+
+        def look() -> str:
+            with self._store.read() as connection:
+                return consumables.wrong_powder(consumables.loaded(connection), job.material)
+
+        why = "" if tomllib.loads(job.recipe_toml).get("process") == "mill" else await asyncio.to_thread(look)
+        if why:
+            await self._tell(job, f"{REFUSED}: {why}", table_clear=False)
+            raise StartRefusedError(why, "change the powder and tell its lot, or submit the part with the material that is loaded")
 
     async def _check_part(self, job: JobRow) -> None:
         """Raises StartRefusedError if the part that the job goes on with was taken off since."""

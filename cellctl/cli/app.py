@@ -9,6 +9,7 @@ import typer
 from cellctl.cli import files, models, remote, service, tokens
 from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
+from cellctl.cli.record import record
 
 app = typer.Typer(
     name="cellctl",
@@ -21,7 +22,7 @@ app = typer.Typer(
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (service.demo, service.serve, service.sim, service.doctor),
     "Files": (files.plan, files.show, files.post, prove, models.model),
-    "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, remote.record, go_on),
+    "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on),
     "Cell": (
         remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position, remote.override,
         remote.jog, remote.control,

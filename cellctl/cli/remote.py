@@ -1,4 +1,4 @@
-"""Commands that ask the service: submit, jobs, watch, approve, cancel, record, and the cell's own verbs."""
+"""Commands that ask the service: submit, jobs, watch, approve, cancel, and the cell's own verbs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from cellctl.cli.input import (
     connect,
     existing_file,
     find_job,
-    writable,
 )
 
 if TYPE_CHECKING:
@@ -162,36 +161,6 @@ def cancel(
     """Cancel a job that is not on the cell."""
     with connect(url, run) as client:
         show_job(client.cancel(find_job(client, job), because), json)
-
-
-def record(
-    job: JobId,
-    html: Annotated[Path | None, typer.Option("--html", help="Write the record as a page.")] = None,
-    url: Url = None,
-    run: RunFolder = DEFAULT_RUN,
-    json: Json = False,
-) -> None:
-    """A job's record: what was commanded, read back and done by whom."""
-    with connect(url, run) as client:
-        job_id = find_job(client, job)
-        if html is not None:
-            writable(html).write_bytes(client.content(f"jobs/{job_id}/record", format="html"))
-            output.line(f"{html}")
-            return
-        document = client.record(job_id)
-    if json:
-        output.as_json(document)
-        return
-    output.line(f"{document['job']['name']}: {document['job']['state']}")
-    for name, value in document["sha256"].items():
-        output.line(f"  {name:8} {value or ''}")
-    for row in document["layers"]:
-        power = f"laser {row['laser_setpoint_max_w']:.0f} W set, {row['laser_readback_max_w']:.0f} W read"
-        output.line(
-            f"  layer {row['layer']}: {power}; powder {row['powder_setpoint_max_g_min']:.1f} g/min set, {row['powder_readback_max_g_min']:.1f} read"
-        )
-    for event in document["events"]:
-        output.line(f"  {event['kind']}: {event['text']}")
 
 
 def _command(

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import msgspec
 
-Kind = Literal["inspect", "plan", "post", "resume", "prove"]
+Kind = Literal["inspect", "plan", "post", "resume", "prove", "record"]
 
 
 class Link(msgspec.Struct, frozen=True):
@@ -23,6 +23,7 @@ class Task(msgspec.Struct, frozen=True):
     folder : where the result's files go; parent : process that waits for it, the worker ends with it
     mesh, units : the part's file; plan, program : files made before; cell : cell file; stock : mesh of the raw stock
     point : resume: {from, line, fraction, layer, operation, overlap_mm}; links : prove: what was run on the part before, in order
+    store, job : record: whose; sealed_at : when it is sealed (Unix time, s), 0: it is only written, as it stands
     checkpoints : folder in which proofs keep their states at layers, so that an edited program is not proven from its begin
     """
 
@@ -41,6 +42,9 @@ class Task(msgspec.Struct, frozen=True):
     checkpoints: str = ""
     point: dict[str, Any] = {}
     links: list[Link] = []
+    store: str = ""
+    job: str = ""
+    sealed_at: float = 0.0
 
 
 class Progress(msgspec.Struct, frozen=True, tag="progress"):

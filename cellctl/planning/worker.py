@@ -9,7 +9,9 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -61,12 +63,21 @@ class Line:
             self.send(Progress(stage, min(max(float(fraction), 0.0), 1.0)))
 
 
-def work(task: Task, line: Line) -> None:
-    """Carry the task out and report its end."""
+def stage_of(kind: str) -> Callable[[Task, Callable[[str, float], None]], dict[str, Any]]:
+    """What carries out a task of this kind; loads no more than that needs."""
+    if kind == "record":
+        from cellctl.record.writing import record
+
+        return record
     from cellctl.planning.stages import STAGES
 
+    return STAGES[kind]
+
+
+def work(task: Task, line: Line) -> None:
+    """Carry the task out and report its end."""
     try:
-        line.send(Done(STAGES[task.kind](task, line.progress)))
+        line.send(Done(stage_of(task.kind)(task, line.progress)))
     except MemoryError:
         limit = f"{task.memory_bytes / 2**30:.1f} GiB"
         line.send(

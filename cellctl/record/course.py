@@ -15,7 +15,8 @@ from sim.report.markup import Node, tag
 
 Array = NDArray[np.float64]
 
-BUCKETS = 600  # along the page: more could not be seen apart
+BUCKETS = 600  # at most, along the page: more could not be seen apart
+PER_BUCKET = 3  # samples at least, in the mean: no gaps between them
 HEIGHT = 68.0
 STEP = 80.0  # from one frame to the next
 HEAD = 30.0  # room above the first frame
@@ -56,17 +57,20 @@ def section(samples: Path, record: dict[str, Any]) -> list[Node]:
         return [tag("p", "The run left too few samples for a chart.", class_="soft")]
     begin, span = float(at[0]), float(at[-1] - at[0])
     unit, per = ("min", 60.0) if span > 600.0 else ("s", 1.0)
-    edges = np.linspace(begin, begin + span, BUCKETS + 1)
+    count = min(BUCKETS, max(1, len(at) // PER_BUCKET))
+    edges = np.linspace(begin, begin + span, count + 1)
     time = (edges - begin) / per
     x = Scale(0.0, float(time[-1]), f"time since the first sample, {unit}")
-    shown = [(name, columns.get(wanted or ""), columns[read]) for name, wanted, read in CHARTS if np.isfinite(columns.get(read, np.full(1, np.nan))).any()]
-    drawn: list[Node | None] = [legend((("set", "set-point"), ("is", "read back"), ("key-range", "least to greatest"), ("limit", "alarm")), LEFT + 4, 9.0)]
+    known = {name for name, values in columns.items() if np.isfinite(values).any()}
+    shown = [(name, columns.get(wanted or ""), columns[read]) for name, wanted, read in CHARTS if read in known]
+    key = (("set", "set-point"), ("is", "read back"), ("key-range", "least to greatest"), ("limit", "alarm"))
+    drawn: list[Node | None] = [legend(key, LEFT + 4, 9.0)]
     for index, (name, setpoint, readback) in enumerate(shown):
         drawn += _chart(Frame(x, Scale(0.0, 1.0), HEIGHT, HEAD + STEP * index), name, at, edges, setpoint, readback, index == len(shown) - 1)
     bottom = HEAD + STEP * (len(shown) - 1) + HEIGHT
     drawn += _marks(record, x, begin, per, bottom)
     words = (
-        f"What was set and what was read back over the run, {record['samples']} samples in {BUCKETS} spans."
+        f"What was set and what was read back over the run, {record['samples']} samples in {count} spans."
         " Red lines: alarms. Grey fields: the job stood held or stopped."
     )
     return [tag("figure", svg(bottom + BOTTOM, words, *drawn), tag("figcaption", words))]

@@ -11,7 +11,6 @@ from sqlalchemy import Connection
 
 from cellctl.api.feed import event_document
 from cellctl.domain.messages import Event
-from cellctl.record import samples
 from cellctl.store import audit, consumables, history, jobs, parts
 from cellctl.store.history import Run
 from cellctl.store.jobs import JobRow
@@ -64,7 +63,7 @@ def record_of(connection: Connection, job_id: str) -> dict[str, Any]:
         "timestamps": job.timestamps,
         "run": asdict(run) if run else None,
         "consumables": [] if run is None else [asdict(lot) for lot in consumables.in_force(connection, run.started_at, run.ended_at)],
-        "samples": samples.count_of(connection, job_id),
+        "samples": history.count_samples(connection, job_id),
         "layers": [asdict(figures) for figures in history.layers_of(connection, job_id)],
         "alarms": alarms(happened),
         "holds": holds(happened, run),

@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from cellctl.record import course
-from sim.report.closeup import data_uri
 from sim.report.markup import Node, StyleSheet, table, tag
 from sim.report.style import STYLE as REPORT_STYLE
 
 STYLE = REPORT_STYLE + "svg .held{fill:#56606c;fill-opacity:.16;stroke:none}\n"
 PAGE_POLICY = (
     f"default-src 'none'; img-src data:; style-src 'sha256-{base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "base-uri 'none'; form-action 'none'"
 )
-"""Content-Security-Policy of the page: its own style, pictures within it, and nothing else."""
+"""Content-Security-Policy that the page carries: its own style, pictures within it, and nothing else."""
 KINDS = {"powder": "Powder", "carrier_gas": "Carrier gas", "shield_gas": "Shield gas"}
 Cells = tuple[Node | str, ...]
 
@@ -47,6 +46,7 @@ def html_of(record: dict[str, Any], samples: Path | None = None, picture: bytes 
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
+        tag("meta", http_equiv="Content-Security-Policy", content=PAGE_POLICY),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("title", title),
         StyleSheet("style", (), (STYLE,)),
@@ -102,15 +102,18 @@ def _verdict(record: dict[str, Any]) -> Node:
     """What became of it, at a glance."""
     job, run, proof = record["job"], record["run"], record["proof"] or {}
     lines = [] if run is None else [f"{run['last_line']} of {run['total_lines']} lines executed"]
+    approval = record["approval"]
     if proof:
-        lines.append("the proof passed" if proof.get("passed") else f"the proof did not pass; overridden: {record['approval']['override_reason'] or 'no'}")
-    lines.append(f"approved by {record['approval']['by'] or 'nobody'}" + (f": {record['approval']['because']}" if record["approval"]["because"] else ""))
+        override = approval["override_reason"] or "no"
+        lines.append("the proof passed" if proof.get("passed") else f"the proof did not pass; overridden: {override}")
+    lines.append(f"approved by {approval['by'] or 'nobody'}" + (f": {approval['because']}" if approval["because"] else ""))
     for count, what in ((len(record["alarms"]), "alarm"), (len(record["holds"]), "hold"), (len(record["overrides"]), "override")):
         lines.append(f"{count or 'no'} {what}{'' if count == 1 else 's'}")
     if record["error"]:
         lines.append(f"{record['error']['title']}: {record['error']['detail']}")
     word = job["state"].replace("_", " ")
-    return tag("div", tag("strong", word), tag("ul", *(tag("li", line) for line in lines)), class_=f"verdict {'passed' if word == 'completed' else 'failed'}")
+    look = "verdict passed" if word == "completed" else "verdict failed"
+    return tag("div", tag("strong", word), tag("ul", *(tag("li", line) for line in lines)), class_=look)
 
 
 def _alarms(record: dict[str, Any]) -> list[Node]:
@@ -140,7 +143,7 @@ def _course(record: dict[str, Any], samples: Path | None) -> list[Node | None]:
 def _layers(layers: Sequence[dict[str, Any]]) -> Node:
     rows: list[Cells] = [
         (
-            str(row["layer"] + 1), _clock(row["from_at"]), f"{row['to_at'] - row['from_at']:.0f}", str(row["samples"]),
+            str(row["layer"] + 1), f"{_clock(row['from_at'])} + {row['to_at'] - row['from_at']:.0f} s", str(row["samples"]),
             *(_text(float(row[name])) for name in (
                 "laser_setpoint_max_w", "laser_readback_max_w", "laser_readback_mean_w",
                 "powder_setpoint_max_g_min", "powder_readback_max_g_min", "powder_readback_mean_g_min",
@@ -148,7 +151,7 @@ def _layers(layers: Sequence[dict[str, Any]]) -> Node:
         )
         for row in layers
     ]  # fmt: skip
-    columns = ("#Layer", "From", "#s", "#Samples", "#Laser set, W", "#read, W", "#mean, W", "#Powder set, g/min", "#read, g/min", "#mean, g/min")
+    columns = ("#Layer", "From", "#Samples", "#W set", "#W read", "#W mean", "#g/min set", "#g/min read", "#g/min mean")
     return table(columns, rows)
 
 
@@ -158,7 +161,10 @@ def _as_built(record: dict[str, Any], picture: bytes | None) -> list[Node | None
     if not proof:
         return []
     words = "The part as the twin built it from this Program, coloured by its deviation from the mesh; not a measurement of the metal"
-    shown = tag("figure", tag("img", src=data_uri(picture), alt=words), tag("figcaption", words + ".")) if picture else None
+    shown = None
+    if picture:
+        source = f"data:image/png;base64,{base64.b64encode(picture).decode()}"
+        shown = tag("figure", tag("img", src=source, alt=words), tag("figcaption", words + "."))
     return _titled("As built in the twin", [shown, _pairs((name, value) for name, value in _flat(proof) if not isinstance(value, list))])
 
 

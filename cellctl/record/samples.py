@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from sqlalchemy import Column, Connection, Float, Integer, func, select
+from sqlalchemy import Column, Connection, Float, Integer, select
 
 from cellctl.store.schema import journal
 
@@ -63,11 +63,6 @@ def write_parquet(connection: Connection, job: str, path: Path) -> int:
             writer.write_batch(batch)
             count += batch.num_rows
     return count
-
-
-def count_of(connection: Connection, job: str) -> int:
-    """How many samples the journal has of a job."""
-    return int(connection.execute(select(func.count()).select_from(journal).where(journal.c.job == job)).scalar_one())
 
 
 def columns_of(path: Path, names: list[str]) -> dict[str, NDArray[np.float64]]:

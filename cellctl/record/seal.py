@@ -27,13 +27,10 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_public_key,
 )
 
+from cellctl.record.layout import MANIFEST, PUBLIC_KEY, SEALING, SIGNATURE
 from cellctl.store.blobs import sha256_of
 
 KEY_FILE = "record.key"
-MANIFEST = "manifest.json"
-SIGNATURE = "manifest.sig"
-PUBLIC_KEY = "public_key.pem"
-SEALING = frozenset({MANIFEST, SIGNATURE, PUBLIC_KEY})
 
 
 class SealError(Exception):

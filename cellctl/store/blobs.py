@@ -94,6 +94,10 @@ class Blobs:
         """The proof's report: one HTML file."""
         return self.folder / "proofs" / f"{sha256}.html"
 
+    def record(self, manifest_sha256: str) -> Path:
+        """The sealed record's folder."""
+        return self.folder / "records" / manifest_sha256
+
 
 def sha256_of(path: Path) -> str:
     """Hash (hex) of a file's bytes."""

@@ -120,3 +120,8 @@ def samples_of(connection: Connection, job: str, every: int = 1) -> list[dict[st
     """Rows of the journal of a job in order, each `every`-th."""
     query = select(journal).where(journal.c.job == job, journal.c.id % every == 0).order_by(journal.c.id)
     return [dict(row) for row in connection.execute(query).mappings()]
+
+
+def count_samples(connection: Connection, job: str) -> int:
+    """How many rows the journal has of a job."""
+    return int(connection.execute(select(func.count()).select_from(journal).where(journal.c.job == job)).scalar_one())

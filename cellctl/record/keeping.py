@@ -1,0 +1,116 @@
+"""Writes and seals the record of every job whose run has ended, once, and keeps it beside plans and proofs."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import structlog
+from sqlalchemy import Connection, insert, select
+
+from cellctl.domain.jobs import ENDED
+from cellctl.planning.process import WorkerError, Workers
+from cellctl.planning.task import Task
+from cellctl.record.layout import MANIFEST
+from cellctl.store import Store
+from cellctl.store.blobs import place
+from cellctl.store.schema import cell_runs, records
+from cellctl.store.schema import jobs as job_table
+
+PERIOD_S = 2.0
+SETTLE_S = 5.0  # behind the end of a run: what was told last is on the disk by then
+log = structlog.get_logger(__name__)
+
+
+def _task(store: Store, job_id: str, folder: Path, sealed_at: float) -> Task:
+    return Task(kind="record", folder=str(folder), parent=0, memory_bytes=0, store=str(store.folder), job=job_id, sealed_at=sealed_at)
+
+
+def _quiet(_stage: str, _fraction: float) -> None:
+    """Nobody looks how far it is."""
+
+
+def _keep(store: Store, job_id: str, folder: Path, summary: dict[str, Any], now: float) -> None:
+    """Files first, then the row: a row never names a missing folder."""
+    place(folder, store.blobs.record(summary["manifest_sha256"]))
+    with store.write() as connection:
+        values = {"job": job_id, "manifest_sha256": summary["manifest_sha256"], "at": now, "samples": summary["samples"]}
+        connection.execute(insert(records).values(values))
+
+
+def sealed(store: Store, connection: Connection, job_id: str) -> Path | None:
+    """The folder of a job's sealed record, None before it is sealed."""
+    manifest = connection.execute(select(records.c.manifest_sha256).where(records.c.job == job_id)).scalar_one_or_none()
+    return None if manifest is None else store.blobs.record(manifest)
+
+
+def manifest_of(folder: Path) -> dict[str, Any]:
+    """Of a sealed record: job, sealed_at, key, files."""
+    document: dict[str, Any] = json.loads((folder / MANIFEST).read_bytes())
+    return document
+
+
+def unsealed(connection: Connection, now: float) -> list[str]:
+    """Jobs whose run has ended, and whose record is still to be sealed; oldest first."""
+    query = (
+        select(job_table.c.id)
+        .join(cell_runs, cell_runs.c.job == job_table.c.id)
+        .join(records, records.c.job == job_table.c.id, isouter=True)
+        .where(
+            records.c.job.is_(None),
+            job_table.c.state.in_([state.value for state in ENDED]),
+            cell_runs.c.outcome != "",
+            cell_runs.c.ended_at <= now - SETTLE_S,
+        )
+        .order_by(cell_runs.c.ended_at)
+    )
+    return list(connection.execute(query).scalars())
+
+
+class Keeping:
+    """Call `run` as one task. workers : processes of low priority write the records, which can be large"""
+
+    def __init__(self, store: Store, workers: Workers) -> None:
+        self._store = store
+        self._workers = workers
+        self._sealing = asyncio.Lock()
+        self._failed: dict[str, str] = {}  # job -> what was told of it, once
+
+    async def run(self) -> None:
+        """Look and seal, for ever."""
+        while True:
+            try:
+                await self.seal_all()
+            except Exception:
+                log.exception("records")
+            await asyncio.sleep(PERIOD_S)
+
+    async def write_now(self, job_id: str, folder: Path) -> None:
+        """The files of a job's record as it stands now, into an empty folder. Raises WorkerError."""
+        await self._workers.run(_task(self._store, job_id, folder, 0.0), _quiet)
+
+    async def seal_all(self) -> None:
+        """Seal what is to be sealed. What fails is told once and tried again."""
+        async with self._sealing:
+            for job_id in await asyncio.to_thread(self._waiting):
+                try:
+                    await self._seal(job_id)
+                except (WorkerError, OSError) as error:
+                    if self._failed.get(job_id) != str(error):
+                        self._failed[job_id] = str(error)
+                        log.error("record not sealed", job=job_id, error=str(error))
+
+    async def _seal(self, job_id: str) -> None:
+        """Write, sign and keep the record of a job."""
+        store, now = self._store, self._store.clock()
+        with store.blobs.staging() as staged:
+            folder = staged / "record"
+            folder.mkdir()
+            summary = await self._workers.run(_task(store, job_id, folder, now), _quiet)
+            await asyncio.to_thread(_keep, store, job_id, folder, summary, now)
+
+    def _waiting(self) -> list[str]:
+        with self._store.read() as connection:
+            return unsealed(connection, self._store.clock())
