@@ -13,7 +13,8 @@ Table = Literal["coil", "discrete", "input", "holding"]
 DataType = Literal["bit", "uint16", "int16", "uint32", "int32", "float32"]
 
 # Names that the drivers look up, by role. A map must define them all. A feeder's coil `diverter` (1: powder goes to the bypass, its safe
-# value) is used where it is there; anything more is shown and recorded but not used.
+# value) is used where it is there, and so is a laser's coil `pilot` (1: aiming beam on, its safe value 0); anything more is shown and
+# recorded but not used.
 REQUIRED: dict[str, frozenset[str]] = {
     "laser": frozenset({
         "enable", "emission_permit", "power_setpoint", "heartbeat",
@@ -98,6 +99,9 @@ class Device(Facts):
             if register.readback is not None and register.readback not in self.registers:
                 raise ValueError(f"{name}.readback names {register.readback}, which is not in the map")
         self._check_diverter()
+        pilot = self.registers.get("pilot")
+        if self.role == "laser" and pilot is not None and (pilot.type != "bit" or pilot.safe != 0.0):
+            raise ValueError("pilot has to be a coil with safe = 0 (the aiming beam is off)")
         taken: dict[tuple[str, int], str] = {}
         for name, register in self.registers.items():
             for address in range(register.address, register.address + register.count):

@@ -27,6 +27,21 @@ class Laser(DeviceView):
         """Want emission permitted or not."""
         self.client.set("emission_permit", float(on))
 
+    @property
+    def has_pilot(self) -> bool:
+        """Whether the laser has an aiming beam that can be switched."""
+        return "pilot" in self.client.device.registers
+
+    def pilot(self, on: bool) -> None:
+        """Want the aiming beam on or off. A laser without one has nothing to switch."""
+        if self.has_pilot:
+            self.client.set("pilot", float(on))
+
+    @property
+    def is_pilot_on(self) -> bool:
+        """Whether the aiming beam is wanted on."""
+        return bool(self.client.desired.get("pilot", 0.0))
+
     def set_power(self, watts: float) -> None:
         """Want this power, W. Raises RangeError_ beyond the laser's bounds."""
         self.client.set("power_setpoint", watts)

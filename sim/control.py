@@ -118,7 +118,7 @@ def state_of(world: World) -> Answer:
         },
         "tip_mm": world.tip_position.tolist(),
         "tip_speed_mm_s": world.tip_speed_mm_s,
-        "laser": {**world.laser.values, "emission_w": world.laser.emission_w, "faults": world.laser.faults},
+        "laser": {**world.laser.values, "emission_w": world.laser.emission_w, "pilot_lit": world.laser.is_pilot_lit, "faults": world.laser.faults},
         "feeder": {**world.feeder.values, "rate_at_nozzle_g_min": world.feeder.rate_at_nozzle_g_min},
         "io": dict(world.io.values),
         "faults_pending": [str(fault) for fault in faults.pending],

@@ -74,6 +74,10 @@ def _jogging(cell: Controller, drivers: CellDrivers, now: float) -> None:
         cell.go(T.JOGGED, "the jog has ended")
 
 
+def _purging(cell: Controller, drivers: CellDrivers, now: float) -> None:
+    cell.flow_by_hand.advance(now)
+
+
 def _preparing(cell: Controller, drivers: CellDrivers, now: float) -> None:
     run = cell.run
     assert run is not None
@@ -205,6 +209,7 @@ STEPS: dict[State, Callable[[Controller, CellDrivers, float], None]] = {
     S.IDLE: _connected,
     S.HOMING: _homing,
     S.JOGGING: _jogging,
+    S.PURGING: _purging,
     S.PREPARING: _preparing,
     S.RUNNING: _running,
     S.HOLDING: _holding,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import structlog
 
 from cellctl.cell.gate import SHUT_S
-from cellctl.cell.jog import Jog, asked_jog, is_retract
+from cellctl.cell.jog import Jog, asked_jog, is_retract, way_to
 from cellctl.cell.preconditions import check_devices
 from cellctl.cell.refusal import Refused
 from cellctl.cell.transaction import StepFailedError, Transaction
@@ -105,6 +105,27 @@ class ByHand:
         if c.drivers is not None and c.is_cnc_alive:
             c.drivers.cnc.jog_cancel()
 
+    def end_purge(self, because: str) -> None:
+        """No more powder and gas by hand, now. Harmless without."""
+        self._c.flow_by_hand.end(because)
+
+    def go_to(self, command: Command, drivers: CellDrivers) -> str:
+        """Send the machine to one of the cell file's places, axis by axis, rising first. Raises Refused, WrongStateError."""
+        c = self._c
+        name, status = str(command.args.get("place", "")), drivers.cnc.status
+        c.position.check()
+        legs = way_to(c.cell, name, status.machine if status else {}, command.args.get("feed"), c.times.wire.now())
+        after(c.state, T.JOG)
+        check_devices(drivers, for_job=False)
+        if not legs:
+            return name
+        self._lock_out(drivers, f"going to {name}")
+        c.jog_sent_at = None
+        self.jog = legs[0]
+        c.go(T.JOG, command.because or f"going to {name}")
+        self._spawn(self._go_legs(drivers, legs, name))
+        return name
+
     # -- work ----------------------------------------------------------------------------------------------------------
 
     async def _home(self, drivers: CellDrivers) -> None:
@@ -158,6 +179,26 @@ class ByHand:
             c.because = f"the jog has ended: {jog.ended}"
             drivers.cnc.jog_cancel()
         c.jog_sent_at = c.times.wire.now()
+
+    async def _go_legs(self, drivers: CellDrivers, legs: list[Jog], name: str) -> None:
+        c = self._c
+        if not await self._is_safe(drivers, f"going to {name}", parks=True):
+            return
+        for leg in legs:
+            leg.ended, self.jog = self.jog.ended if self.jog is not None else "", leg
+            if c.state is not S.JOGGING or leg.ended:
+                break
+            await drivers.cnc.jog(leg.axis, leg.whole(), leg.feed)
+            while c.state is S.JOGGING and not leg.ended and not self._has_come(drivers, leg):
+                await c.times.wire.sleep(c.cell.limits.tick_s)
+        if c.state is S.JOGGING:
+            if self.jog is not None and self.jog.ended:
+                drivers.cnc.jog_cancel()
+            c.jog_sent_at = c.times.wire.now()
+
+    def _has_come(self, drivers: CellDrivers, leg: Jog) -> bool:
+        status = drivers.cnc.status
+        return status is not None and status.is_idle and abs(status.machine.get(leg.axis, 1e9) - leg.target) < 0.01
 
     def _moves(self, drivers: CellDrivers) -> bool:
         status = drivers.cnc.status

@@ -214,8 +214,9 @@ class Commands:
             drivers = self._drivers()
             lead = c.lead_s
             c.hand.lock(command.because)
-            if c.state is S.JOGGING:
+            if c.state in (S.JOGGING, S.PURGING):
                 self._hands.end_jog(command.because or "held")
+                self._hands.end_purge(command.because or "held")
             elif c.state is S.PREPARING:
                 drivers.feeder.set_rate(0.0)
                 if c.run is not None:

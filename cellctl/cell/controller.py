@@ -12,12 +12,14 @@ from cellctl.cell.behaviour import STEPS
 from cellctl.cell.clock_watch import ClockWatch
 from cellctl.cell.cnc_checks import tells_tool
 from cellctl.cell.control import ControlToken
+from cellctl.cell.flow_by_hand import FlowByHand
 from cellctl.cell.gate import Gate
 from cellctl.cell.hearing import hear
 from cellctl.cell.homing_watch import HomingWatch
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.light_watch import LightWatch
 from cellctl.cell.modes import Modes
+from cellctl.cell.pilot import Pilot
 from cellctl.cell.quiesce import Quiesce
 from cellctl.cell.reacting import react
 from cellctl.cell.record import END, Found, Journal
@@ -95,6 +97,8 @@ class Controller:
         self.way_back: Rollback | None = None  # of a guarded sequence that a fault broke off
         self.retract = Retract(self)
         self.gate = Gate(self)
+        self.pilot = Pilot(self)
+        self.flow_by_hand = FlowByHand(self)
         self.spindle = SpindleWatch(self)
         self.powder_until: float | None = None  # wire time at which powder that a reaction let flow on is shut
         self.sampling = Sampling(self)
@@ -163,6 +167,8 @@ class Controller:
             self.event("tool", "tool not reported by this firmware: the program's own tool changes are what is known")
         elif target is S.HOMING:
             self.homing_watch = HomingWatch(self.times.wire.now(), reports_homing=self.cell.cnc.firmware == "grblhal")
+        if self.state is S.PURGING and self.drivers is not None:
+            self.drivers.feeder.safe()
         self.state, self.because = target, because
         self.transaction = None
         data = {"state": target.value, "trigger": trigger.value, "because": because}
@@ -225,6 +231,7 @@ class Controller:
         self.pump()
         self.table.watch(self.drivers, self.run is not None)
         self.gate.advance(now)
+        self.pilot.advance(now)
         try:
             self._watch(now)
             STEPS[self.state](self, self.drivers, now)

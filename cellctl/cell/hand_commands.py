@@ -1,4 +1,4 @@
-"""Commands of a hand at the machine, as the cell takes them: overrides, home, jog, unlock, confirm the position."""
+"""Commands of a hand at the machine, as the cell takes them: overrides, home, jog, places, purge, pilot beam, unlock, position."""
 
 from __future__ import annotations
 
@@ -32,6 +32,10 @@ class HandCommands:
             "jog": self._jog,
             "jog_keep": self._jog_keep,
             "jog_end": self._jog_end,
+            "go_to": self._go_to,
+            "purge": self._purge,
+            "purge_end": self._purge_end,
+            "pilot": self._pilot,
         }
 
     async def _override(self, command: Command) -> dict[str, Any]:
@@ -63,3 +67,22 @@ class HandCommands:
     async def _jog_end(self, command: Command) -> dict[str, Any]:
         self._hands.end_jog("let go")
         return {"state": self._c.state.value}
+
+    async def _go_to(self, command: Command) -> dict[str, Any]:
+        return {"place": self._hands.go_to(command, self._drivers()), "state": self._c.state.value}
+
+    async def _purge(self, command: Command) -> dict[str, Any]:
+        seconds = self._c.flow_by_hand.begin(command, self._drivers())
+        return {"state": self._c.state.value, "seconds": seconds}
+
+    async def _purge_end(self, command: Command) -> dict[str, Any]:
+        self._hands.end_purge(command.because or "ended by the operator")
+        return {"state": self._c.state.value}
+
+    async def _pilot(self, command: Command) -> dict[str, Any]:
+        c, seconds = self._c, command.args.get("seconds")
+        if command.args.get("on"):
+            c.pilot.turn_on(self._drivers(), float(seconds) if isinstance(seconds, (int, float)) else None)
+        else:
+            c.pilot.turn_off(command.because or "switched off")
+        return {"state": c.state.value, "left_s": round(c.pilot.left_s, 1)}

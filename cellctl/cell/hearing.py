@@ -28,7 +28,7 @@ S = State
 def hear(c: Controller, event: CncEvent) -> None:
     """Take in one event: positions, answers, and what has to latch."""
     has_job = c.run is not None and not c.quiesce_pending  # also behind a fault that can be reset
-    busy = has_job or c.state in IN_JOB or c.state in (S.HOMING, S.JOGGING)
+    busy = has_job or c.state in IN_JOB or c.state in (S.HOMING, S.JOGGING, S.PURGING)
     if isinstance(event, StatusReport):
         c.position.report(event.status)
         if c.run is not None:

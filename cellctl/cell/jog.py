@@ -28,6 +28,11 @@ class Jog:
         self._asked = 0.0
 
     @property
+    def target(self) -> float:
+        """Where it leads, mm or deg."""
+        return self._start + self.distance
+
+    @property
     def text(self) -> str:
         """In words."""
         how = "kept up by hand" if self.is_continuous else f"{self.distance:+g}"
@@ -95,6 +100,31 @@ def asked_jog(cell: Cell, args: dict[str, object], machine: dict[str, float], no
     if suspect_feed is not None and feed > suspect_feed:
         raise Refused(f"jog {letter} at {feed:g}/min: not above {suspect_feed:g}/min while the position is not to be trusted", "jog slower, or home")
     return Jog(letter, at, float(distance), float(feed), is_continuous=is_continuous, heard_at=now)
+
+
+def way_to(cell: Cell, place: str, machine: dict[str, float], feed: object, now: float) -> list[Jog]:
+    """One leg per axis to a place of the cell file: the linear ones that rise go first, those that sink last. Raises Refused."""
+    goals = cell.by_hand.places.get(place)
+    if goals is None:
+        known = ", ".join(cell.by_hand.places) or "none"
+        raise Refused(f"go_to: no place {place!r}", f"places of the cell file (by_hand.places): {known}")
+    per_min = feed if isinstance(feed, (int, float)) and not isinstance(feed, bool) else cell.by_hand.suspect_feed_mm_min
+    legs = []
+    for letter, goal in goals.items():
+        distance = goal - machine.get(letter, goal)
+        if abs(distance) > MIN_PIECE:
+            fastest = cell.axis(letter).max_velocity * 60.0
+            asked: dict[str, object] = {"axis": letter, "distance": distance, "feed": min(float(per_min), fastest)}
+            legs.append(asked_jog(cell, asked, machine, now, None))
+    return sorted(legs, key=lambda leg: _order(cell, leg))
+
+
+def _order(cell: Cell, leg: Jog) -> int:
+    """0: away from the table; 1: sideways or turning; 2: towards it."""
+    if is_retract(cell, leg):
+        return 0
+    back = Jog(leg.axis, leg.target, -leg.distance, leg.feed, is_continuous=False, heard_at=0.0)
+    return 2 if is_retract(cell, back) else 1
 
 
 def is_retract(cell: Cell, jog: Jog) -> bool:

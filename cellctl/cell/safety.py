@@ -130,7 +130,7 @@ class Senses:
         is_by_hand = now.state in (State.JOGGING, State.HOMING) or now.is_retracting
         if now.state in IN_JOB or now.state is State.JOGGING or now.is_retracting:
             yield from self._cnc()
-        if is_by_hand:
+        if is_by_hand or (now.state is State.PURGING and not self._cell.by_hand.purge_with_door_open):
             yield from self._door()
         for code in opened:
             if now.state in ACTIVE or (is_by_hand and code == "door"):
@@ -142,6 +142,8 @@ class Senses:
             yield from self._devices(now)
             yield from self._forgotten(now, lost)
             yield from self._positions(now)
+        if now.state is State.PURGING:
+            yield from self._devices(now)
         if now.state in HEAD_KEPT:
             yield from self._head_kept(now)
 

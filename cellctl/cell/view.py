@@ -6,7 +6,17 @@ from cellctl.cell import overriding
 from cellctl.cell.controller import Controller
 from cellctl.cell.figures import fills_percent
 from cellctl.cell.tick import Beat
-from cellctl.domain.snapshot import Alarm, CncView, FeederView, IoView, LaserView, LatencyView, Snapshot, TickView
+from cellctl.domain.snapshot import (
+    Alarm,
+    CncView,
+    FeederView,
+    HandView,
+    IoView,
+    LaserView,
+    LatencyView,
+    Snapshot,
+    TickView,
+)
 from cellctl.domain.states import EXECUTION, State
 from drivers.cell_wires import CellDrivers
 from drivers.modbus.latency import Latency
@@ -47,6 +57,7 @@ def snapshot(c: Controller, seq: int, beat: Beat) -> Snapshot:
         control=c.control.view,
         table=c.table.view,
         overrides=overriding.view(c),
+        hand=_hand(c, d),
         position=c.position.why,
     )
 
@@ -54,6 +65,14 @@ def snapshot(c: Controller, seq: int, beat: Beat) -> Snapshot:
 def _tick(c: Controller, beat: Beat) -> TickView:
     worst_ms = round(c.sampling.jitter.worst_ms, 2)
     return TickView(beat.count, beat.missed, round(beat.jitter_p99_ms, 3), beat.scheduler, round(beat.longest_ms, 1), worst_ms)
+
+
+def _hand(c: Controller, d: CellDrivers | None) -> HandView:
+    laser = d.laser if d is not None else None
+    return HandView(
+        laser is not None and laser.has_pilot, laser is not None and laser.is_pilot_on, round(c.pilot.left_s, 1),
+        round(c.flow_by_hand.left_s, 1), [*c.cell.by_hand.places],
+    )  # fmt: skip
 
 
 def _waiting(c: Controller) -> str:

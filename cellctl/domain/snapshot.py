@@ -175,6 +175,16 @@ class OverridesView(msgspec.Struct, frozen=True):
     powder_window_g_min: tuple[float, float] = (0.0, 0.0)
 
 
+class HandView(msgspec.Struct, frozen=True):
+    """What goes on by hand, and what there is for it. has_pilot : the laser has an aiming beam; places : where the machine can be sent"""
+
+    has_pilot: bool = False
+    pilot: bool = False
+    pilot_left_s: float = 0.0
+    flow_left_s: float = 0.0
+    places: list[str] = []
+
+
 class TickView(msgspec.Struct, frozen=True):
     """The safety tick's own health. longest_ms : longest time between two of the ticks that jitter is stated over
 
@@ -215,4 +225,5 @@ class Snapshot(msgspec.Struct, frozen=True):
     control: Control | None = None
     table: Table = Table()
     overrides: OverridesView = OverridesView()
+    hand: HandView = HandView()
     position: str = ""  # why the machine's position is not to be trusted; empty: it is

@@ -13,6 +13,7 @@ class State(StrEnum):
     IDLE = "IDLE"
     HOMING = "HOMING"
     JOGGING = "JOGGING"
+    PURGING = "PURGING"  # powder or gas flows for a while, by hand; laser locked out, nothing moves
     PREPARING = "PREPARING"  # at a barrier: everything before is executed, a set-up is made and verified
     RUNNING = "RUNNING"
     HOLDING = "HOLDING"  # on the way to standstill
@@ -30,6 +31,7 @@ class Trigger(StrEnum):
     HOME = "home"
     UNLOCK = "unlock"
     JOG = "jog"
+    PURGE = "purge"
     START = "start"
     HOLD = "hold"
     RESUME = "resume"
@@ -42,6 +44,7 @@ class Trigger(StrEnum):
     LOCKED = "machine locked"
     HOMED = "homed"
     JOGGED = "jogged"
+    PURGED = "purged"
     BARRIER_REACHED = "barrier reached"
     PREPARED = "prepared"
     HELD_AT_MACHINE = "held at the machine"
@@ -76,12 +79,15 @@ TRANSITIONS: dict[tuple[State, Trigger], State] = {
     (S.OFFLINE, T.CONNECTED_LOCKED): S.UNHOMED,
     (S.IDLE, T.HOME): S.HOMING,
     (S.IDLE, T.JOG): S.JOGGING,
+    (S.IDLE, T.PURGE): S.PURGING,
     (S.IDLE, T.START): S.PREPARING,
     (S.UNHOMED, T.HOME): S.HOMING,
     (S.UNHOMED, T.UNLOCK): S.IDLE,
     (S.HOMING, T.HOMED): S.IDLE,
     (S.JOGGING, T.JOGGED): S.IDLE,
     (S.JOGGING, T.HOLD): S.JOGGING,
+    (S.PURGING, T.PURGED): S.IDLE,
+    (S.PURGING, T.HOLD): S.PURGING,
     (S.PREPARING, T.PREPARED): S.RUNNING,
     (S.PREPARING, T.HOLD): S.HELD,
     (S.PREPARING, T.ABORT): S.ABORTING,
@@ -110,7 +116,7 @@ TRANSITIONS: dict[tuple[State, Trigger], State] = {
     (S.RESETTING, T.RESET_LOCKED): S.UNHOMED,
     (S.RESETTING, T.RESET_OFFLINE): S.OFFLINE,
     # The machine locks itself: outside a job its position is suspect and that is all.
-    **{(s, T.LOCKED): S.UNHOMED for s in (S.IDLE, S.HOMING, S.JOGGING, S.UNHOMED)},
+    **{(s, T.LOCKED): S.UNHOMED for s in (S.IDLE, S.HOMING, S.JOGGING, S.PURGING, S.UNHOMED)},
     **{(s, T.CONNECTION_LOST): S.OFFLINE for s in (S.IDLE, S.UNHOMED)},
     # A fault latches wherever something goes on or could; a second one adds its alarm.
     **{(s, T.FAULTED): S.FAULT for s in State if s is not S.STOPPED},
@@ -132,13 +138,14 @@ REST_OF: dict[Trigger, frozenset[State]] = {
 
 HINTS: dict[Trigger, str] = {
     T.START: "a job starts when the cell is IDLE",
-    T.HOLD: "only a job or a jog that runs can be held",
+    T.HOLD: "only a job, a jog or a purge that runs can be held",
     T.RESUME: "only a HELD job can be resumed",
     T.ABORT: "there is no job to abort",
     T.RESET: "there is nothing latched to reset",
     T.HOME: "the cell homes when it is IDLE or UNHOMED",
     T.UNLOCK: "only an UNHOMED cell can be unlocked",
     T.JOG: "the cell jogs when it is IDLE",
+    T.PURGE: "the cell purges when it is IDLE",
 }
 
 EXECUTION: dict[State, str] = {
@@ -147,6 +154,7 @@ EXECUTION: dict[State, str] = {
     S.IDLE: "READY",
     S.HOMING: "ACTIVE",
     S.JOGGING: "ACTIVE",
+    S.PURGING: "ACTIVE",
     S.PREPARING: "WAIT",
     S.RUNNING: "ACTIVE",
     S.HOLDING: "FEED_HOLD",

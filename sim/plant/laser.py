@@ -64,6 +64,11 @@ class Laser(Signals):
         """Whether light comes out."""
         return self.power_w > EMISSION_W
 
+    @property
+    def is_pilot_lit(self) -> bool:
+        """Whether the aiming beam comes out: asked for, with the E-stop chain closed and the power stage off."""
+        return bool(self.values.get("pilot", 0.0)) and not self.interlocks & ESTOP_OPEN and not self.values["enable"]
+
     def set_interlocks(self, estop_ok: bool, door_closed: bool, flow_ok: bool) -> None:
         """Levels of the hard-wired interlocks. One open: emission is cut at once, and enable and permit have to be given again."""
         word = (0 if estop_ok else ESTOP_OPEN) | (0 if door_closed else DOOR_OPEN) | (0 if flow_ok else COOLING_LOW)

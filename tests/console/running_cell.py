@@ -34,7 +34,7 @@ TIME_SCALE = 4.0
 # What brings the cell a step nearer to IDLE; in states that are not here it gets there by itself.
 NEXT_VERB = {
     "FAULT": "reset", "STOPPED": "reset", "UNHOMED": "home", "HELD": "abort", "HOLDING": "abort", "PREPARING": "abort",
-    "RUNNING": "abort", "RESUMING": "abort", "JOGGING": "hold",
+    "RUNNING": "abort", "RESUMING": "abort", "JOGGING": "hold", "PURGING": "hold",
 }  # fmt: skip
 
 

@@ -146,6 +146,7 @@ export interface Snapshot {
   control: Control | null;
   table: { disturbed_at: number; because: string };
   overrides: OverridesView;
+  hand: { has_pilot: boolean; pilot: boolean; pilot_left_s: number; flow_left_s: number; places: string[] };
   position: string;
 }
 

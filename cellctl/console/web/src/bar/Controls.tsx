@@ -9,7 +9,7 @@ import { Sign } from "./Signs";
 const say = words.bar;
 
 const CAN: Record<string, readonly string[]> = {
-  hold: ["PREPARING", "RUNNING", "RESUMING", "JOGGING"],
+  hold: ["PREPARING", "RUNNING", "RESUMING", "JOGGING", "PURGING"],
   resume: ["HELD"],
   abort: ["PREPARING", "RUNNING", "HOLDING", "HELD", "RESUMING"],
 };

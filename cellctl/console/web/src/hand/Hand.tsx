@@ -1,4 +1,5 @@
 // The page "by hand": moving the machine, overrides of the running job.
+import { Flow } from "./Flow";
 import { Jog } from "./Jog";
 import { Overrides } from "./Overrides";
 
@@ -9,6 +10,7 @@ export function Hand() {
         <Jog />
         <div class="hand-side">
           <Overrides />
+          <Flow />
         </div>
       </div>
     </section>

@@ -15,6 +15,7 @@ const TONES: Record<string, Tone> = {
   IDLE: "rest",
   HOMING: "wait",
   JOGGING: "wait",
+  PURGING: "wait",
   PREPARING: "wait",
   RUNNING: "run",
   HOLDING: "hold",
