@@ -89,6 +89,28 @@ TRANSITIONS: dict[tuple[JobState, JobEvent], JobState] = {
 STEPS: frozenset[tuple[JobState, JobState]] = frozenset((state, target) for (state, _), target in TRANSITIONS.items())
 """From which state a job may go to which, whatever the event."""
 
+STEP_WORDS: dict[tuple[JobState, JobState], str] = {
+    (J.SUBMITTED, J.PLANNING): "a planner worker took it",
+    (J.PLANNING, J.PLANNED): "its plan is made",
+    (J.PLANNED, J.POSTING): "its program is written for the cell",
+    (J.SUBMITTED, J.POSTING): "the rest of its program is written for the part as it stands",
+    (J.POSTING, J.PROVING): "its program is written; the twin runs it",
+    (J.PROVING, J.PROVEN): "the proof passed",
+    (J.PROVING, J.WAITING_FOR_APPROVAL): "the proof has findings: an engineer may override it with a reason",
+    (J.PROVEN, J.WAITING_FOR_APPROVAL): "a person has to approve it",
+    (J.WAITING_FOR_APPROVAL, J.QUEUED): "a person approved it",
+    (J.QUEUED, J.RUNNING): "the cell started it",
+    (J.RUNNING, J.HELD): "the cell holds it",
+    (J.HELD, J.RUNNING): "it was resumed",
+    (J.RUNNING, J.COMPLETED): "every line was executed",
+    **{(state, J.FAILED): "it failed" for state, event in TRANSITIONS if event is E.FAILED},
+    **{(state, J.ABORTED): "a person aborted it" for state in (J.RUNNING, J.HELD)},
+    **{(state, J.INTERRUPTED): "the cell lost it in the middle" for state in (J.RUNNING, J.HELD)},
+    **{(state, J.CANCELLED): "a person cancelled it" for state in _BEFORE_CELL},
+    **{(state, J.SUBMITTED): "its worker was lost; this step starts again" for state in _WORKED_ON},
+}
+"""What every step of the table is told as where nothing more exact is known."""
+
 
 def after(state: JobState, event: JobEvent) -> JobState:
     """The state that follows. Raises KeyError for what is not in the table."""

@@ -1,4 +1,4 @@
-"""Jobs: rows whose state moves along `domain.jobs.STEPS` only."""
+"""Jobs: rows whose state moves along `domain.jobs.STEPS` only, each step written down with its reason."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, func, insert, select, update
+from sqlalchemy import Connection, RowMapping, func, insert, or_, select, update
 
-from cellctl.domain.jobs import JobState, step
+from cellctl.domain.jobs import STEP_WORDS, JobState, step
+from cellctl.store import cell_table, lanes
+from cellctl.store.job_tables import job_counts, job_steps
 from cellctl.store.pages import page
 from cellctl.store.parts import NotFoundError
-from cellctl.store.schema import jobs
+from cellctl.store.schema import cell_runs, jobs
 
-DOCUMENTS = ("error", "proof", "timestamps", "resume_point", "resumption")
+DOCUMENTS = ("error", "proof", "timestamps", "resume_point", "resumption", "tags", "changes")
+RECENT_RUNS = 50  # among them is every run whose start was not yet followed: the cell runs one at a time
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,9 @@ class JobRow:
     table_clear : a person vouches for the table: it is clear, or, of a job that continues another, its part stands untouched
     confirmed_by, confirmed_client : who vouched for it last, or started it by hand, and at which client: the start acts for that one
     continues_job : whose part it goes on with; resume_point : from where, as asked for; resumption : figures of the generated program
+    priority : 1 goes first, 9 last; rank : place among those of one priority; not_before : Unix time, s
+    made_from, made_how : the job that it was made from by rerun, clone or retry; changes : [{field, from, to}] of a clone
+    cleared_at : when a person found the table cleared of its part; seq : number of the row, given by the store
     """
 
     id: str
@@ -57,9 +63,30 @@ class JobRow:
     resumption: dict[str, Any] | None = None
     confirmed_by: str = ""
     confirmed_client: str = ""
+    priority: int = 5
+    rank: int = 0
+    not_before: float | None = None
+    tags: list[str] = field(default_factory=list)
+    made_from: str | None = None
+    made_how: str = ""
+    changes: list[dict[str, Any]] | None = None
+    cleared_at: float | None = None
+    seq: int = 0
 
 
-def _row(values: RowMapping) -> JobRow:
+@dataclass(frozen=True)
+class Step:
+    """One step of a job's life. left : the state before, empty at its begin; why : in words; who : whose doing, empty if nobody's"""
+
+    at: float
+    left: str
+    state: str
+    why: str
+    who: str
+
+
+def row_of(values: RowMapping) -> JobRow:
+    """A job from its row."""
     fields = {name: values[name] for name in JobRow.__dataclass_fields__}
     for name in DOCUMENTS:
         fields[name] = json.loads(fields[name]) if fields[name] is not None else None
@@ -74,10 +101,15 @@ def _columns(changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def add(connection: Connection, job: JobRow) -> JobRow:
-    """Add a submitted job."""
-    job = JobRow(**{**job.__dict__, "timestamps": {job.state.value: job.created_at}})
-    connection.execute(insert(jobs).values(**_columns({**job.__dict__, "state": job.state.value})))
-    return job
+    """Add a submitted job, behind all others of its priority."""
+    values = {**job.__dict__, "timestamps": {job.state.value: job.created_at}, "rank": lanes.last_rank(connection) + lanes.GAP}
+    del values["seq"]
+    connection.execute(insert(jobs).values(**_columns({**values, "state": job.state.value})))
+    why = {"rerun": "made once more from", "clone": "made with changes from", "retry": "tried again after"}.get(job.made_how, "")
+    _note_step(connection, job.id, job.created_at, "", job.state, f"{why} {job.made_from}" if why else "submitted", job.created_by)
+    _count(connection, job.state, 1)
+    lanes.joined_or_left(connection, job.state)
+    return get(connection, job.id)
 
 
 def get(connection: Connection, job_id: str) -> JobRow:
@@ -85,7 +117,7 @@ def get(connection: Connection, job_id: str) -> JobRow:
     row = connection.execute(select(jobs).where(jobs.c.id == job_id)).mappings().first()
     if row is None:
         raise NotFoundError("job", job_id)
-    return _row(row)
+    return row_of(row)
 
 
 def find_page(
@@ -96,13 +128,41 @@ def find_page(
     if states:
         query = query.where(jobs.c.state.in_([state.value for state in states]))
     rows, following = page(connection, jobs, query, cursor, limit)
-    return [_row(row) for row in rows], following
+    return [row_of(row) for row in rows], following
 
 
 def oldest_in(connection: Connection, states: Sequence[JobState]) -> list[JobRow]:
-    """All jobs of these states, oldest first: the order in which they are worked on."""
+    """All jobs of these states, oldest first."""
     query = select(jobs).where(jobs.c.state.in_([state.value for state in states])).order_by(jobs.c.seq)
-    return [_row(row) for row in connection.execute(query).mappings()]
+    return [row_of(row) for row in connection.execute(query).mappings()]
+
+
+def first_in(connection: Connection, state: JobState, limit: int) -> list[JobRow]:
+    """The first jobs of a state in the order in which they are worked on; takes the same time however many there are."""
+    query = select(jobs).where(jobs.c.state == state.value).order_by(jobs.c.priority, jobs.c.rank, jobs.c.seq).limit(limit)
+    return [row_of(row) for row in connection.execute(query).mappings()]
+
+
+def confirmed(connection: Connection) -> list[JobRow]:
+    """Queued jobs for whose table a person vouches and that the cell has not run, in the order of the queue: few, as each start takes the others'."""
+    query = (
+        select(jobs)
+        .where(jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True))
+        .where(~select(cell_runs.c.job).where(cell_runs.c.job == jobs.c.id).exists())
+        .order_by(jobs.c.priority, jobs.c.rank, jobs.c.seq)
+    )
+    return [row_of(row) for row in connection.execute(query).mappings()]
+
+
+def on_or_near_cell(connection: Connection) -> list[JobRow]:
+    """Jobs that run, are held, or may just have been started, oldest first; takes the same time however many are queued."""
+    recent = select(cell_runs.c.job).order_by(cell_runs.c.started_at.desc()).limit(RECENT_RUNS).scalar_subquery()
+    is_started = or_(jobs.c.id.in_(recent), jobs.c.table_clear.is_(True))
+    found = []
+    for state, more in ((JobState.RUNNING, None), (JobState.HELD, None), (JobState.QUEUED, is_started)):
+        query = select(jobs).where(jobs.c.state == state.value)
+        found += [row_of(row) for row in connection.execute(query if more is None else query.where(more)).mappings()]
+    return sorted(found, key=lambda job: job.seq)
 
 
 def change(connection: Connection, job_id: str, **changes: Any) -> JobRow:
@@ -111,19 +171,38 @@ def change(connection: Connection, job_id: str, **changes: Any) -> JobRow:
     return get(connection, job_id)
 
 
-def move(connection: Connection, job_id: str, *targets: JobState, at: float, **changes: Any) -> JobRow:
-    """Move a job through one state or several, in one transaction of the caller.
+def move(connection: Connection, job_id: str, *targets: JobState, at: float, by: str = "", reason: str = "", **changes: Any) -> JobRow:
+    """Move a job through one state or several, in one transaction of the caller; each step is written down.
 
+    by : who did it, if a person; reason : of the last step, default `why` of the changes, or the table's words
     Raises NotFoundError, and WrongJobStateError if the table has no such step (the caller's transaction then changes nothing).
     """
     job = get(connection, job_id)
     state, times = job.state, dict(job.timestamps)
-    for target in targets:
-        state = step(state, target)
+    for number, target in enumerate(targets, 1):
+        left, state = state, step(state, target)
         times[state.value] = at
+        told = (reason or str(changes.get("why") or "")) if number == len(targets) else ""
+        _note_step(connection, job_id, at, left.value, state, told or STEP_WORDS[left, state], by)
+        if left is JobState.QUEUED and state is JobState.RUNNING:
+            cell_table.occupy(connection, job.cell, job_id, at)
     values = _columns({**changes, "timestamps": times})
     connection.execute(update(jobs).where(jobs.c.id == job_id).values(state=state.value, **values))
+    _count(connection, job.state, -1)
+    _count(connection, state, 1)
+    lanes.joined_or_left(connection, job.state, state)
     return get(connection, job_id)
+
+
+def steps_of(connection: Connection, job_id: str) -> list[Step]:
+    """The life of a job so far, in order."""
+    columns = [job_steps.c[name] for name in Step.__dataclass_fields__]
+    query = select(*columns).where(job_steps.c.job_id == job_id).order_by(job_steps.c.seq)
+    return [Step(**row) for row in connection.execute(query).mappings()]
+
+
+def _note_step(connection: Connection, job_id: str, at: float, left: str, state: JobState, why: str, who: str) -> None:
+    connection.execute(insert(job_steps).values(job_id=job_id, at=at, left=left, state=state.value, why=why, who=who))
 
 
 def confirm_table(connection: Connection, job_id: str, at: float, who: str, client: str) -> JobRow:
@@ -133,15 +212,27 @@ def confirm_table(connection: Connection, job_id: str, at: float, who: str, clie
     """
     job = get(connection, job_id)
     times = {**job.timestamps, "table_clear": at}
+    if job.continues_job is None:
+        cell_table.clear(connection, job.cell, at, who, f"found clear for {job.name}")
     return change(connection, job_id, table_clear=True, why="", timestamps=times, confirmed_by=who, confirmed_client=client)
 
 
 def count_by_state(connection: Connection) -> dict[str, int]:
-    """How many jobs are in each state that has any."""
-    rows = connection.execute(select(jobs.c.state, func.count()).group_by(jobs.c.state))
+    """How many jobs are in each state that has any; kept beside the jobs, not counted."""
+    rows = connection.execute(select(job_counts.c.state, job_counts.c.count).where(job_counts.c.count > 0))
     return {state: count for state, count in rows}
+
+
+def _count(connection: Connection, state: JobState, by: int) -> None:
+    changed = connection.execute(
+        update(job_counts).where(job_counts.c.state == state.value).values(count=job_counts.c.count + by)
+    )
+    if changed.rowcount == 0:
+        first = connection.execute(select(func.count()).select_from(jobs).where(jobs.c.state == state.value)).scalar_one()
+        connection.execute(insert(job_counts).values(state=state.value, count=first))
 
 
 def forget_clear_tables(connection: Connection) -> None:
     """A job starts: whoever confirmed that the table is clear has to look again."""
-    connection.execute(update(jobs).where(jobs.c.state == JobState.QUEUED.value).values(table_clear=False))
+    is_confirmed = (jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True))
+    connection.execute(update(jobs).where(*is_confirmed).values(table_clear=False))

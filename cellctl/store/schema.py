@@ -108,9 +108,21 @@ jobs = Table(
     Column("material_sha256", String(64), nullable=False, server_default=""),
     Column("cell_sha256", String(64), nullable=False, server_default=""),
     Column("changed", BigInt, nullable=False, server_default="0", default=NEXT_CHANGE, onupdate=NEXT_CHANGE),
+    Column("priority", Integer, nullable=False, server_default="5"),
+    Column("rank", BigInt, nullable=False, server_default="0"),
+    Column("not_before", REAL),
+    Column("tags", Text, nullable=False, server_default="[]"),
+    Column("made_from", String(40)),
+    Column("made_how", String(16), nullable=False, server_default=""),
+    Column("changes", Text),
+    Column("cleared_at", REAL),
     Index("ix_jobs_state", "state"),
     Index("ix_jobs_continues_job", "continues_job"),
     Index("ix_jobs_changed", "changed"),
+    Index("ix_jobs_queue", "state", "priority", "rank", "seq"),
+    Index("ix_jobs_rank", "rank"),
+    Index("ix_jobs_confirmed", "state", "table_clear"),
+    Index("ix_jobs_part", "part_id"),
     sqlite_autoincrement=True,
 )
 
@@ -283,6 +295,7 @@ cell_runs = Table(
     Column("total_lines", Integer),
     Column("who", Text),
     Column("command_id", Text, unique=True),
+    Index("ix_cell_runs_started", "started_at"),
 )
 
 consumables = Table(
