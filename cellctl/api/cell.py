@@ -19,7 +19,7 @@ from cellctl.api.parts import Cursor, Limit
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.runs import StartRefusedError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
-from cellctl.api.table import check_found, found_of
+from cellctl.api.table import check_found, check_free, found_of
 from cellctl.domain.jobs import JobState
 from cellctl.domain.messages import Reply
 from cellctl.store import history, jobs
@@ -159,6 +159,8 @@ async def _start(service: Service, person: Person, body: CellCommand) -> Reply:
                 )
             check_found(job, body.table_clear, body.part_untouched)
             is_found = body.table_clear or body.part_untouched
+            if is_found:
+                check_free(rows, job.cell)
             if not is_found and not job.table_clear:
                 found = found_of(job)
                 raise ApiError(

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import asyncio
 import tomllib
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import tomli_w
 from fastapi import APIRouter, Query
 from pydantic import ValidationError
+from sqlalchemy import Connection
 
+from cellctl.api import models_jobs as told
 from cellctl.api.context import Service
 from cellctl.api.models import Approval, Because_, Job, JobError, Jobs, NewJob
+from cellctl.api.models_jobs import TAGS_MAX, TIME_MAX
 from cellctl.api.parts import Cursor, IdempotencyKey, Limit
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
-from cellctl.api.table import check_found, found_of
+from cellctl.api.table import check_found, check_free, found_of
+from cellctl.api.waits import waits_of, why_of
 from cellctl.domain.jobs import ON_CELL, JobState
 from cellctl.faults import one_line
 from cellctl.planning.view import layers_written
-from cellctl.store import audit, idempotency, jobs, parts
+from cellctl.store import audit, dependencies, idempotency, job_search, jobs, parts, threads
+from cellctl.store.dependencies import Dependency
 from cellctl.store.ids import new_id
+from cellctl.store.job_search import Asked, Sort
 from cellctl.store.jobs import JobRow
 from cellctl.store.tokens import Role
 from config import explain, load_material
@@ -28,17 +35,30 @@ from planner.errors import RecipeError
 from planner.recipe import Recipe, parse_recipe
 
 J = JobState
+Word = Annotated[str, Query(max_length=60)]
 router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"], responses=DOCUMENTED)
 
 
-def document(service: Service, row: JobRow) -> Job:
-    """A job as it is told, with where the work on it stands now."""
+def document(service: Service, row: JobRow, rows: Connection | None = None) -> Job:
+    """A job as it is told, with where the work on it stands now, and, where `rows` are given to look into, the jobs that it waits for."""
+    found = dependencies.of_jobs(rows, [row.id])[row.id] if rows is not None else []
+    return _document(service, row, found)
+
+
+def documents(service: Service, found: Sequence[JobRow], rows: Connection) -> list[Job]:
+    """Several jobs as they are told."""
+    known = dependencies.of_jobs(rows, [row.id for row in found])
+    return [_document(service, row, known[row.id]) for row in found]
+
+
+def _document(service: Service, row: JobRow, after: Sequence[Dependency]) -> Job:
     at = service.queue.progress.get(row.id)
     progress = at.fraction if at else (row.lines_executed / row.lines_total if row.lines_total else 0.0)
     fields = {name: getattr(row, name) for name in Job.model_fields if hasattr(row, name)}
     drawing = service.queue.drawing(row.id)
     if drawing is not None:
         fields["layers"] = layers_written(drawing)
+    waits = waits_of(row, after, service.store.clock())
     return Job(
         **{
             **fields,
@@ -47,6 +67,12 @@ def document(service: Service, row: JobRow) -> Job:
             "error": JobError(**row.error) if row.error else None,
             "stage": at.stage if at else row.state.value,
             "progress": 1.0 if row.state is J.COMPLETED else min(progress, 1.0),
+            "why": why_of(row, waits),
+            "waits_for": waits,
+            "after": [
+                told.Dependency(job=one.on_job, name=one.name, state=one.state.value, until=one.until, met=one.is_met) for one in after
+            ],
+            "changes": row.changes or [],
         }
     )
 
@@ -92,8 +118,11 @@ def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> 
             parts.get(rows, recipe.stock)
         toml = tomli_w.dumps(recipe.model_dump(mode="json", exclude_none=True))
         name = one_line(body.name or part.name)
-        job = jobs.add(rows, JobRow(new_id("job", now), name, part.id, cell, toml, recipe.material, now, person.name))
-        answer = document(service, job).model_dump()
+        extra: dict[str, Any] = {"priority": body.priority, "not_before": body.not_before}
+        job = jobs.add(rows, JobRow(new_id("job", now), name, part.id, cell, toml, recipe.material, now, person.name, **extra))
+        threads.set_tags(rows, job.id, body.tags)
+        dependencies.replace(rows, job.id, [(one.job, one.until) for one in body.after])
+        answer = document(service, jobs.get(rows, job.id), rows).model_dump()
         idempotency.remember(rows, person.name, key, digest, answer, now)
         audit.add(rows, person.deed("submit", job.id), now, "ok")
     return answer, True
@@ -116,18 +145,27 @@ def list_jobs(
     cursor: Cursor = None,
     limit: Limit = 50,
     state: Annotated[list[JobState] | None, Query(description="only jobs in one of these states")] = None,
+    tag: Annotated[list[Word] | None, Query(max_length=TAGS_MAX, description="only jobs with all of these tags")] = None,
+    material: Word = "",
+    part: Annotated[str, Query(max_length=60, description="only jobs of this part")] = "",
+    text: Annotated[str, Query(max_length=200, description="words, each in its name, id, tags, material, person, reason or a note")] = "",
+    by: Annotated[str, Query(max_length=200, description="only jobs that this person submitted")] = "",
+    created_from: Annotated[float | None, Query(ge=0, le=TIME_MAX, description="Unix time, s")] = None,
+    created_to: Annotated[float | None, Query(ge=0, le=TIME_MAX, description="Unix time, s; before it")] = None,
+    sort: Annotated[Sort, Query(description="newest first, or in the order of the queue")] = "newest",
 ) -> Jobs:
-    """Jobs, newest first."""
+    """Jobs, newest first, or in the order of their queue. A cursor stays valid while jobs come and go."""
+    asked = Asked(state or (), tag or (), material, part, text, created_from, created_to, by)
     with service.store.read() as rows:
-        found, following = jobs.find_page(rows, cursor, limit, state or [])
-    return Jobs(items=[document(service, row) for row in found], next=following)
+        found, following = job_search.find(rows, asked, sort, cursor, limit)
+        return Jobs(items=documents(service, found, rows), next=following)
 
 
 @router.get("/{job_id}")
 def get_job(_person: Viewer, service: ServiceOf, job_id: str) -> Job:
     """One job."""
     with service.store.read() as rows:
-        return document(service, jobs.get(rows, job_id))
+        return document(service, jobs.get(rows, job_id), rows)
 
 
 def check_approval(job: JobRow, person: Person, body: Approval) -> None:
@@ -156,7 +194,7 @@ async def approve(person: Operator, service: ServiceOf, job_id: str, body: Appro
     """Approve a job. With `table_clear` (of a job that continues another: `part_untouched`) it starts as soon as the cell is idle;
     a queued one may be confirmed later by the same call."""
 
-    def write() -> JobRow:
+    def write() -> Job:
         now = service.store.clock()
         with service.store.write() as rows:
             job = jobs.get(rows, job_id)
@@ -164,16 +202,20 @@ async def approve(person: Operator, service: ServiceOf, job_id: str, body: Appro
             check_found(job, body.table_clear, body.part_untouched)
             if job.state is not J.QUEUED:
                 reasons = {"approve_because": body.because, "override_reason": body.override_reason}
-                job = jobs.move(rows, job_id, J.QUEUED, at=now, approved_by=person.name, why=found_of(job).missing, **reasons)
+                told_why = body.override_reason or body.because
+                reason = f"{person.name} approved it" + (f": {told_why}" if told_why else "")
+                step = {"by": person.name, "reason": reason, "why": found_of(job).missing}
+                job = jobs.move(rows, job_id, J.QUEUED, at=now, approved_by=person.name, **step, **reasons)
             if body.table_clear or body.part_untouched:
+                check_free(rows, job.cell)
                 job = jobs.confirm_table(rows, job_id, now, person.name, person.client)
             audit.add(rows, person.deed("approve", job_id, body.override_reason or body.because), now, "ok")
-        return job
+            return document(service, job, rows)
 
     job = await asyncio.to_thread(write)
     service.feed.take_job(job_id)
     service.runs.wake()
-    return document(service, job)
+    return job
 
 
 @router.post("/{job_id}/cancel")
@@ -191,7 +233,8 @@ async def cancel(person: Operator, service: ServiceOf, job_id: str, body: Becaus
                     409, "Not in this state", f"{job.name} is on the cell", "abort it with POST /api/v1/cell/abort"
                 )
             audit.add(rows, person.deed("cancel", job_id, body.because), now, "ok")
-            return jobs.move(rows, job_id, J.CANCELLED, at=now, why=body.because)
+            reason = f"{person.name} cancelled it" + (f": {body.because}" if body.because else "")
+            return jobs.move(rows, job_id, J.CANCELLED, at=now, by=person.name, reason=reason, why=body.because)
 
     job = await asyncio.to_thread(write)
     service.queue.cancel(job_id)

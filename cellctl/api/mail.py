@@ -143,7 +143,7 @@ class Postman:
         with self._service.store.read() as rows:
             for job_id, change in page:
                 try:
-                    job = job_routes.document(self._service, jobs.get(rows, job_id))
+                    job = job_routes.document(self._service, jobs.get(rows, job_id), rows)
                 except NotFoundError:
                     texts.append((None, change))
                     continue

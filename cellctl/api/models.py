@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from cellctl.api.models_jobs import TAGS_MAX, TIME_MAX, After, Change, Dependency, Tag, Wait
 from cellctl.store.tokens import Role
 
 Because = Field("", max_length=500, description="why, in words that the operator reads")
@@ -99,10 +100,19 @@ class Job(BaseModel):
     program_sha256: str | None
     proof_sha256: str | None
     timestamps: dict[str, float]
+    waits_for: list[Wait] = Field(default_factory=list, description="all that it waits for; `why` tells the first")
+    after: list[Dependency] = Field(default_factory=list, description="other jobs that it may not start before")
+    not_before: float | None = None
+    priority: int = Field(5, description="1 goes first, 9 last")
+    tags: list[str] = Field(default_factory=list)
+    made_from: str | None = Field(None, description="the job that it was made from")
+    made_how: str = Field("", description="rerun, clone or retry")
+    changes: list[Change] = Field(default_factory=list, description="of a clone: what differs in its recipe")
+    cleared_at: float | None = Field(None, description="when a person found the table cleared of its part")
 
 
 class Jobs(BaseModel):
-    """A page of jobs, newest first."""
+    """A page of jobs."""
 
     items: list[Job]
     next: str | None = None
@@ -116,6 +126,10 @@ class NewJob(Strict):
     recipe_toml: str | None = Field(None, max_length=100_000)
     cell: str | None = Field(None, max_length=100, description="default: the cell that this service runs")
     name: str | None = Field(None, max_length=200)
+    tags: list[Tag] = Field(default_factory=list, max_length=TAGS_MAX)
+    priority: int = Field(5, ge=1, le=9, description="1 goes first, 9 last")
+    not_before: float | None = Field(None, ge=0, le=TIME_MAX, description="it is not started before; Unix time, s")
+    after: list[After] = Field(default_factory=list, max_length=20, description="other jobs that it may not start before")
 
 
 class Approval(Strict):

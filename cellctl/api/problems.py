@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from cellctl import faults
 from cellctl.domain.jobs import WrongJobStateError
 from cellctl.domain.trouble import trouble_of
+from cellctl.store.dependencies import CycleError
 from cellctl.store.idempotency import KeyReusedError
 from cellctl.store.pages import CursorError
 from cellctl.store.parts import NotFoundError
@@ -168,6 +169,8 @@ def _known(error: Exception) -> Problem | None:
         return Problem(title="Not found", status=404, detail=str(error))
     if isinstance(error, WrongJobStateError):
         return Problem(title="Not in this state", status=409, detail=str(error), hint="look at the job's state")
+    if isinstance(error, CycleError):
+        return Problem(title="A circle of dependencies", status=409, detail=str(error), hint="leave one of them out")
     if isinstance(error, KeyReusedError):
         return Problem(
             title="Idempotency-Key reused", status=422, detail=str(error), hint="use a new key for a new request"
@@ -204,6 +207,7 @@ def install(app: FastAPI) -> None:
         WrongJobStateError,
         KeyReusedError,
         CursorError,
+        CycleError,
         *_packages_errors(),
     ]
     for known in errors:

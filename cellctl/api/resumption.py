@@ -91,7 +91,7 @@ def _resume(service: Service, person: Person, job_id: str, body: Resumption, key
             new_id("job", now), _name(lineage.chain_of(rows, before)), before.part_id, before.cell, before.recipe_toml, before.material,
             now, person.name, plan_sha256=before.plan_sha256, layers=before.layers, continues_job=before.id, resume_point=point,
         )  # fmt: skip
-        answer = document(service, jobs.add(rows, row)).model_dump()
+        answer = document(service, jobs.add(rows, row), rows).model_dump()
         idempotency.remember(rows, person.name, key, digest, answer, now)
         for target in (before.id, row.id):
             audit.add(rows, person.deed("resume", target, body.because), now, f"ok: {row.id} continues {before.id}")

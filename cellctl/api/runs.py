@@ -7,15 +7,18 @@ import time
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import structlog
 
 from cellctl.api.cell_link import CellAbsentError, CellLink
 from cellctl.api.table import found_of
+from cellctl.api.waits import why_not_yet
 from cellctl.domain.jobs import ENDED, JobState
 from cellctl.domain.messages import Reply
 from cellctl.domain.snapshot import Snapshot
-from cellctl.store import Store, consumables, history, jobs, lineage
+from cellctl.store import Store, cell_table, consumables, dependencies, history, jobs, lineage
+from cellctl.store.cell_table import Lying
 from cellctl.store.history import Run
 from cellctl.store.jobs import JobRow
 from config.by_hand import ByHand
@@ -91,13 +94,14 @@ class Runs:
         with self._store.read() as connection:
             pending = [
                 (job, history.run_of(connection, job.id))
-                for job in jobs.oldest_in(connection, [J.QUEUED, J.RUNNING, J.HELD])
+                for job in jobs.on_or_near_cell(connection)
             ]
         changed = []
         for job, run in pending:
             if run is not None and self._follow_one(job, run, snapshot):
                 changed.append(job.id)
-        return changed
+        with self._store.read() as connection:  # what those wait for that wait for these has changed with them
+            return changed + [other for job_id in changed for other in dependencies.dependents_of(connection, job_id)]
 
     def _follow_one(self, job: JobRow, run: Run, snapshot: Snapshot | None) -> bool:
         target, why = target_of(job, run, snapshot)
@@ -105,7 +109,7 @@ class Runs:
         lines = max(run.last_line, snapshot.lines.executed if snapshot and is_job_of(snapshot, job.id) else 0)
         if not steps and why == job.why and lines == job.lines_executed:
             return False
-        changes = {"why": why, "lines_executed": min(lines, run.total_lines or lines)}
+        changes: dict[str, Any] = {"why": why, "lines_executed": min(lines, run.total_lines or lines)}
         if target is J.FAILED:
             changes["error"] = {
                 "title": "The run failed",
@@ -114,7 +118,8 @@ class Runs:
             }
         with self._store.write() as connection:
             if steps:
-                jobs.move(connection, job.id, *steps, at=run.ended_at or self._store.clock(), **changes)
+                end = lineage.end_of(connection, job.id) if run.outcome else None
+                jobs.move(connection, job.id, *steps, at=run.ended_at or self._store.clock(), reason=end.text if end else "", **changes)
             else:
                 jobs.change(connection, job.id, **changes)
             if job.state is J.QUEUED:
@@ -124,12 +129,12 @@ class Runs:
     async def _start_next(self) -> None:
         queued = await asyncio.to_thread(self._queued)
         is_cell_free = True
-        for job in queued:
-            lost = self._why_confirmed_no_more(job)
+        for job, against, lying in queued:
+            lost = self._why_confirmed_no_more(job, lying)
             if lost:
                 await self._tell(job, f"{found_of(job).again}: {lost}", table_clear=False)
                 continue
-            why = self._why_not(job, is_cell_free)
+            why = against or self._why_not(job, is_cell_free)
             if why:
                 await self._tell(job, why)
                 continue
@@ -139,16 +144,20 @@ class Runs:
             except StartRefusedError as error:
                 log.warning("start refused", job=job.id, error=error.message)
 
-    def _queued(self) -> list[JobRow]:
+    def _queued(self) -> list[tuple[JobRow, str, Lying]]:
+        """Jobs for whose table somebody vouches, in order; what other jobs and the clock have against each; and what lies on its table."""
+        now = self._store.clock()
         with self._store.read() as connection:
-            return [job for job in jobs.oldest_in(connection, [J.QUEUED]) if history.run_of(connection, job.id) is None]
+            return [
+                (job, why_not_yet(connection, job, now), cell_table.lying_on(connection, job.cell)) for job in jobs.confirmed(connection)
+            ]
 
-    def _why_confirmed_no_more(self, job: JobRow) -> str:
-        """Why a confirmation of the table, or of the part on it, counts no more; empty while it does, or there is none."""
-        if not job.table_clear:
-            return ""
+    def _why_confirmed_no_more(self, job: JobRow, lying: Lying) -> str:
+        """Why a confirmation of the table, or of the part on it, counts no more; empty while it does."""
         seen = found_of(job).seen
         confirmed_at = job.timestamps.get("table_clear", 0.0)
+        if lying.job_id and lying.since >= confirmed_at:
+            return f"another part was made on it after {seen}"
         if self._store.clock() < confirmed_at:
             return f"the computer's clock was set back after {seen}"
         if self._store.clock() - confirmed_at > self._by_hand.table_confirmed_s:
@@ -164,10 +173,7 @@ class Runs:
         return refusals.first_at + self._by_hand.start_retry_s - time.monotonic()
 
     def _why_not(self, job: JobRow, is_cell_free: bool) -> str:
-        """Why a queued job cannot start now; empty if it can."""
-        if not job.table_clear:
-            found = found_of(job)
-            return job.why if job.why.startswith((REFUSED, found.again)) else found.missing
+        """Why a queued job for whose table somebody vouches cannot start now; empty if it can."""
         snapshot = self._link.fresh
         if snapshot is None:
             return "waits for the cell process to answer"
@@ -196,6 +202,9 @@ class Runs:
 
         The table has to be confirmed again then, unless the cell was only not ready: that is tried again for a while.
         """
+        against = await asyncio.to_thread(self._why_not_yet, job)
+        if against:
+            raise StartRefusedError(against, "wait for it, or change what the job waits for")
         await self._check_powder(job)
         program = self._store.blobs.program(job.program_sha256 or "")
         confirmed = job.timestamps.get("table_clear", 0.0)
@@ -224,6 +233,10 @@ class Runs:
         self._refusals.pop(job.id, None)
         await self.follow()
         return reply
+
+    def _why_not_yet(self, job: JobRow) -> str:
+        with self._store.read() as connection:
+            return why_not_yet(connection, job, self._store.clock())
 
     async def _check_powder(self, job: JobRow) -> None:
         """Raises StartRefusedError if somebody told that the feeder holds another powder than the job needs."""

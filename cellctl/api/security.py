@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -18,6 +19,7 @@ LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 JSON_LIMIT_BYTES = 1 << 20  # of anything that is not an upload
 UPLOAD_PATH = "/api/v1/parts"
 RESUMABLE_PATH = "/api/v1/uploads/"
+ATTACHMENT_PATH = re.compile(r"/api/v1/jobs/[^/]+/attachments/?")
 COMMAND_PATH = "/api/v1/cell/"
 PIECE_BYTES = 16 * 1024  # of an upload, between two of which everybody else has a turn
 GIVE_WAY_S = 0.25  # an upload waits at most so long per piece for commands that are under way
@@ -187,7 +189,8 @@ class BodyLimit:
             await self.app(scope, receive, send)
             return
         is_piece = scope["method"] == "PATCH" and scope["path"].startswith(RESUMABLE_PATH)
-        is_upload = is_piece or (scope["path"].rstrip("/") == UPLOAD_PATH and scope["method"] == "POST")
+        is_file = scope["path"].rstrip("/") == UPLOAD_PATH or ATTACHMENT_PATH.fullmatch(scope["path"]) is not None
+        is_upload = is_piece or (is_file and scope["method"] == "POST")
         if is_upload:
             is_upload = await asyncio.to_thread(self.may_upload, HTTPConnection(scope))
         whole = self.resumable_limit_bytes if is_piece else self.upload_limit_bytes + 64 * 1024

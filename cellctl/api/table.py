@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sqlalchemy import Connection
+
 from cellctl.api.problems import ApiError
+from cellctl.domain.jobs import ON_CELL
+from cellctl.store import jobs
 from cellctl.store.jobs import JobRow
 
 
@@ -48,3 +52,14 @@ def check_found(job: JobRow, table_clear: bool, part_untouched: bool) -> None:
         )  # fmt: skip
     if part_untouched and job.continues_job is None:
         raise ApiError(409, CLEAR.title, f"{job.name} goes on with no part: its table has to be clear", "look, then set table_clear")
+
+
+def check_free(connection: Connection, cell: str) -> None:
+    """Raises ApiError while a job is on the cell: nobody can vouch for the table that its part is made on."""
+    for state in sorted(ON_CELL):
+        for other in jobs.first_in(connection, state, 1):
+            if other.cell == cell:
+                raise ApiError(
+                    409, CLEAR.title, f"{other.name} ({other.id}) is on the cell: its part is on the table",
+                    "look again when it has ended and its part was taken off; approving without table_clear is possible now",
+                )  # fmt: skip

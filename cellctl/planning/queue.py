@@ -1,4 +1,4 @@
-"""Takes submitted jobs through plan, post and proof, oldest first, one at a time unless told otherwise."""
+"""Takes submitted jobs through plan, post and proof, in the order of their queue, one at a time unless told otherwise."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class PlanningQueue:
 
     def _waiting(self) -> list[JobRow]:
         with self._store.read() as connection:
-            return jobs.oldest_in(connection, [J.SUBMITTED])
+            return jobs.first_in(connection, J.SUBMITTED, self._slots + len(self._running))
 
     def _finished(self, job_id: str, _task: asyncio.Task[None]) -> None:
         self._running.pop(job_id, None)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-KINDS = ("parts", "plans", "programs", "proofs", "records")
+KINDS = ("parts", "plans", "programs", "proofs", "records", "attachments")
 CHUNK_BYTES = 1 << 20
 
 
@@ -89,6 +89,10 @@ class Blobs:
     def surface(self, sha256: str) -> Path:
         """The as-built surface of the proof, as the console draws it; proofs of earlier versions have none."""
         return self.folder / "proofs" / f"{sha256}.surface"
+
+    def attachment(self, sha256: str) -> Path:
+        """A file that somebody left at a job."""
+        return self.folder / "attachments" / sha256
 
     def report(self, sha256: str) -> Path:
         """The proof's report: one HTML file."""

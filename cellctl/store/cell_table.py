@@ -32,15 +32,20 @@ def lying_on(connection: Connection, cell: str) -> Lying:
 
 
 def occupy(connection: Connection, cell: str, job_id: str, at: float) -> None:
-    """A job was started: from here on its part lies on the table."""
+    """A job was started: from here on its part lies on the table. `at` is its end where its run was heard of only afterwards."""
+    before = lying_on(connection, cell)
     _write(connection, Lying(cell, job_id, at))
+    if before.cleared_at is not None and before.cleared_at > at:  # somebody looked since
+        clear(connection, cell, before.cleared_at, before.cleared_by, before.because)
 
 
 def clear(connection: Connection, cell: str, at: float, who: str, because: str) -> None:
     """A person found the table clear: whatever lay on it is away."""
     lying = lying_on(connection, cell)
-    if lying.job_id:
-        connection.execute(update(jobs).where(jobs.c.id == lying.job_id).values(cleared_at=at))
+    job_id: str | None = lying.job_id
+    while job_id:  # a job that goes on with another works on the same part
+        connection.execute(update(jobs).where(jobs.c.id == job_id).values(cleared_at=at))
+        job_id = connection.execute(select(jobs.c.continues_job).where(jobs.c.id == job_id)).scalar()
     _write(connection, Lying(cell, "", lying.since, at, who, because))
 
 

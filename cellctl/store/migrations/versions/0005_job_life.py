@@ -4,6 +4,8 @@ Revision ID: 0005
 Revises: 0004
 """
 
+from typing import Any
+
 import sqlalchemy as sa
 from alembic import op
 
@@ -13,7 +15,7 @@ branch_labels = None
 depends_on = None
 BIG = sa.BigInteger().with_variant(sa.Integer, "sqlite")
 RANK_GAP = 2**20
-COLUMNS = (
+COLUMNS: tuple[tuple[str, Any, dict[str, Any]], ...] = (
     ("priority", sa.Integer(), {"nullable": False, "server_default": "5"}),
     ("rank", BIG, {"nullable": False, "server_default": "0"}),
     ("not_before", sa.REAL(), {}),
@@ -33,26 +35,33 @@ INDEXES = (
 TABLES = ("job_steps", "job_tags", "job_notes", "job_attachments", "job_dependencies", "job_counts", "queue_versions", "cell_tables")
 
 
-def _job(name: str = "job_id") -> sa.Column:
+def _job(name: str = "job_id") -> sa.Column[Any]:
     return sa.Column(name, sa.String(40), sa.ForeignKey("jobs.id"), nullable=False)
 
 
-def _numbered(name: str, *columns: sa.Column) -> None:
+def _numbered(name: str, *columns: sa.Column[Any]) -> None:
     """A table whose rows come in the order of `seq`, found by their job."""
     seq = sa.Column("seq", BIG, primary_key=True, autoincrement=True)
     op.create_table(name, seq, *columns, sqlite_autoincrement=True)
     op.create_index(f"ix_{name}_job", name, ["job_id", "seq"])
 
 
+def _at() -> sa.Column[Any]:
+    return sa.Column("at", sa.REAL(), nullable=False)
+
+
+def _who() -> sa.Column[Any]:
+    return sa.Column("who", sa.Text(), nullable=False)
+
+
 def _threads() -> None:
-    at, who = (lambda: sa.Column("at", sa.REAL(), nullable=False)), (lambda: sa.Column("who", sa.Text(), nullable=False))
     _numbered(
-        "job_steps", _job(), at(), sa.Column("left", sa.String(32), nullable=False), sa.Column("state", sa.String(32), nullable=False),
+        "job_steps", _job(), _at(), sa.Column("left", sa.String(32), nullable=False), sa.Column("state", sa.String(32), nullable=False),
         sa.Column("why", sa.Text(), nullable=False), sa.Column("who", sa.Text(), nullable=False, server_default=""),
     )  # fmt: skip
-    _numbered("job_notes", _job(), at(), who(), sa.Column("text", sa.Text(), nullable=False))
+    _numbered("job_notes", _job(), _at(), _who(), sa.Column("text", sa.Text(), nullable=False))
     _numbered(
-        "job_attachments", sa.Column("id", sa.String(40), nullable=False, unique=True), _job(), at(), who(),
+        "job_attachments", sa.Column("id", sa.String(40), nullable=False, unique=True), _job(), _at(), _who(),
         sa.Column("name", sa.Text(), nullable=False), sa.Column("kind", sa.String(40), nullable=False),
         sa.Column("bytes", BIG, nullable=False), sa.Column("sha256", sa.String(64), nullable=False),
     )  # fmt: skip
