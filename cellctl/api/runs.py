@@ -62,6 +62,7 @@ class Runs:
         self._changed = changed
         self._wake = asyncio.Event()
         self._lock = asyncio.Lock()
+        self._start_lock = asyncio.Lock()
         self.starting: set[str] = set()
 
     def wake(self) -> None:
@@ -220,7 +221,8 @@ class Runs:
             # The id belongs to one try of one confirmation: asked again after a lost answer, the cell starts it once.
             ident = f"start-{job.id}-{confirmed:.3f}" + (f"-{earlier.count}" if earlier.count else "")
             client = acts_for(job)[1]
-            reply = await self._link.command("start", who, because, args, ident=ident, timeout_s=60.0, client=client)
+            async with self._start_lock:  # by hand and by itself at once: one after the other, under one id
+                reply = await self._link.command("start", who, because, args, ident=ident, timeout_s=60.0, client=client)
         except CellAbsentError as error:
             raise StartRefusedError(
                 str(error), "the cell process is restarted by itself; look again in a moment"
