@@ -18,10 +18,9 @@ from pathlib import Path
 
 import httpx
 
-from cellctl.api.security import is_loopback
-from cellctl.store import open_store, tokens, upgrade
+from cellctl.first_start import ServeError, check_reach, first_token
+from cellctl.store import upgrade
 from cellctl.store.engine import DATABASE
-from cellctl.store.tokens import Role
 from config import find_facts, load_cell
 
 BACK_OFF_FIRST_S = 0.2
@@ -31,20 +30,10 @@ LASTING_S = 4.0  # a process that lived this long starts again without delay
 END_S = 10.0
 READY_S = 60.0
 POLL_S = 0.2
-TOKEN_FILE = "operator.token"
 ADDRESS_FILE = "service.json"
 TAKE_OVER_S = 10.0  # a service that was killed has left a web process that ends within that time
 START_NICE = -15  # of the cell process until it has its own scheduler: a machine without its controller waits for nobody
 BAD_INPUT = 2  # exit code of a process that cannot work with what it was given
-
-
-class ServeError(Exception):
-    """The service cannot start. `message` is one line, `hint` says what to do."""
-
-    def __init__(self, message: str, hint: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.hint = hint
 
 
 @dataclass(frozen=True)
@@ -209,39 +198,6 @@ def cell_process_at(path: Path) -> int | None:
             return None
         pid, _, _ = struct.unpack("3i", probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
         return int(pid)
-
-
-def first_token(folder: Path) -> str | None:
-    """On the first start: an operator token, also kept for this user in a file of mode 0600. None if there are tokens."""
-    store = open_store(folder)
-    try:
-        with store.write() as rows:
-            if tokens.every(rows):
-                return None
-            _, secret = tokens.create(rows, "operator", Role.OPERATOR, store.clock())
-        handle = os.open(folder / TOKEN_FILE, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(handle, "w") as file:
-            file.write(secret + "\n")
-        return secret
-    finally:
-        store.close()
-
-
-def check_reach(folder: Path, host: str) -> None:
-    """Raises ServeError for a host beyond this machine while nobody is admin."""
-    if is_loopback(host):
-        return
-    store = open_store(folder)
-    try:
-        with store.read() as rows:
-            has_admin = tokens.count_valid(rows, store.clock(), Role.ADMIN) > 0
-    finally:
-        store.close()
-    if not has_admin:
-        raise ServeError(
-            f"{host} can be reached from other machines and there is no admin yet",
-            "first run `cellctl token create NAME --role admin`",
-        )
 
 
 class Supervisor:

@@ -12,6 +12,7 @@ from fastapi import FastAPI
 
 from cellctl.api import (
     alarms,
+    audit_trail,
     cell,
     consumables,
     drawings,
@@ -26,10 +27,12 @@ from cellctl.api import (
     record,
     results,
     resumption,
+    session,
     sign_in,
     tokens,
     trends,
     uploads,
+    users,
 )
 from cellctl.api.cell_link import CellLink
 from cellctl.api.conditional import Conditional
@@ -52,7 +55,7 @@ from config import load_cell
 
 # In the order in which a path is looked for.
 ROUTES = (
-    sign_in,
+    session,
     parts,
     uploads,
     estimates,
@@ -67,7 +70,7 @@ ROUTES = (
     hand,
     cell,
     facts,
-    tokens,
+    users, tokens, audit_trail,
     health,
     live,
 )
@@ -115,9 +118,10 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         service.store.blobs.clear_staging()
         keeper = TrendKeeper(service.store)
-        running = (service.link.run(), service.queue.run(), service.runs.run(), uploads.sweep_now_and_then(service), keeper.run())
-        running = (service.link.run(), service.queue.run(), service.runs.run(), uploads.sweep_now_and_then(service), service.keeping.run())
+        own = (service.link.run(), service.queue.run(), service.runs.run(), service.presence.run(service.store))
+        running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run())
         tasks = [asyncio.create_task(task) for task in running]
+        service.turnstile.warm()
         try:
             yield
         finally:
@@ -126,6 +130,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
             await asyncio.gather(*tasks, return_exceptions=True)
             await service.previews.close()
             await service.deeds.close()
+            service.turnstile.close()
             service.store.close()
 
     app = FastAPI(

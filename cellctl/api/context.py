@@ -15,7 +15,9 @@ from cellctl.api.deeds import Deeds
 from cellctl.api.feed import Feed
 from cellctl.api.incoming import Receiving
 from cellctl.api.metrics import Metrics
+from cellctl.api.presence import Presence
 from cellctl.api.runs import Runs
+from cellctl.api.turnstile import Turnstile
 from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
@@ -63,6 +65,8 @@ class Service:
     def __post_init__(self) -> None:
         object.__setattr__(self, "keeping", Keeping(self.store, self.workers))
     receiving: Receiving = field(default_factory=Receiving)
+    presence: Presence = field(default_factory=Presence)
+    turnstile: Turnstile = field(default_factory=Turnstile)
 
     @property
     def stop_port(self) -> int:

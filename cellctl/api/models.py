@@ -7,7 +7,6 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cellctl.api.models_jobs import TAGS_MAX, TIME_MAX, After, Change, Dependency, Tag, Wait
-from cellctl.store.tokens import Role
 
 Because = Field("", max_length=500, description="why, in words that the operator reads")
 
@@ -191,51 +190,6 @@ class About(BaseModel):
     mode: str
     version: str
     stop_url: str
-
-
-class SignIn(Strict):
-    """A token to sign in with."""
-
-    token: str = Field(max_length=200)
-
-
-class Session(BaseModel):
-    """Who is signed in."""
-
-    name: str
-    role: Role
-    stop_url: str
-
-
-class NewToken(Strict):
-    """A token to be made."""
-
-    name: str = Field(min_length=1, max_length=100)
-    role: Role
-    lifetime_s: float | None = Field(None, gt=0, le=10 * 365 * 86400)
-
-
-class Token(BaseModel):
-    """A token without its secret."""
-
-    id: str
-    name: str
-    role: Role
-    created_at: float
-    expires_at: float | None
-    revoked_at: float | None
-
-
-class FreshToken(Token):
-    """A token with its secret, which is shown this once."""
-
-    secret: str
-
-
-class Tokens(BaseModel):
-    """All tokens."""
-
-    items: list[Token]
 
 
 class EventItem(BaseModel):

@@ -218,8 +218,10 @@ def install(app: FastAPI) -> None:
 def _packages_errors() -> list[type[Exception]]:
     from sqlalchemy.exc import DBAPIError
 
+    from cellctl.passwords import PasswordError
     from cellctl.store import StoreError
+    from cellctl.store.users import LastAdminError, UserNameError
     from config import ConfigError
     from planner.errors import PlannerError
 
-    return [ConfigError, PlannerError, StoreError, DBAPIError, OSError]
+    return [ConfigError, PlannerError, StoreError, PasswordError, LastAdminError, UserNameError, DBAPIError, OSError]

@@ -1,32 +1,41 @@
-"""Who asks: a bearer token, or the cookie of a session; what each role may do is said at the routes."""
+"""Who asks: a bearer token, or the cookie of a session; what each role may do is said at the routes, what a token is good for here."""
 
 from __future__ import annotations
 
+import hmac
 import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import urlsplit
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Depends, Request
 from fastapi.security import APIKeyCookie, HTTPBearer
 from starlette.requests import HTTPConnection
 
 from cellctl.api.context import Service, service_of
-from cellctl.api.models import Session, SignIn
 from cellctl.api.problems import ApiError
-from cellctl.store import audit, tokens
+from cellctl.store import sessions, tokens
 from cellctl.store.audit import Deed
-from cellctl.store.tokens import Role, TokenRow
+from cellctl.store.sessions import Account
+from cellctl.store.tokens import ALL_SCOPES, Role, Scope
 
 COOKIE = "cellctl_session"
 CLIENT_HEADER = "X-Client-Id"
+CSRF_HEADER = "X-CSRF-Token"
+SESSION_CHANGED = {"X-Session-Changed": "1"}  # tells the page to ask again who is signed in
 CLIENT_ID = re.compile(r"[A-Za-z0-9._@-]{1,64}")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+STOP_PATH = "/api/v1/cell/stop"  # the page's last way to STOP, which is not refused for want of a word of the page
+CELL_PATH = "/api/v1/cell/"
+PEOPLE_PATHS = ("/api/v1/users", "/api/v1/tokens")
+SESSION_PATH = "/api/v1/session"
 
 # Only for the OpenAPI document: the schemes are read by `person_of`.
 bearer_scheme = HTTPBearer(auto_error=False, description="a token made by `cellctl token create`")
-cookie_scheme = APIKeyCookie(name=COOKIE, auto_error=False, description="set by POST /api/v1/session")
+cookie_scheme = APIKeyCookie(
+    name=COOKIE, auto_error=False, description=f"set by POST {SESSION_PATH}; what changes something needs {CSRF_HEADER} beside it"
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,8 @@ class Person:
     role: Role
     origin: str
     client: str = ""
+    scopes: tuple[Scope, ...] = ALL_SCOPES
+    account: Account | None = None
 
     def deed(self, verb: str, target: str, because: str = "") -> Deed:
         """What this person does, for the audit trail."""
@@ -44,7 +55,9 @@ class Person:
 
 
 def is_same_origin(connection: HTTPConnection) -> bool:
-    """Whether a page of this service sent it: Origin, where there is one, names our own host."""
+    """Whether a page of this service sent it: Origin, where there is one, names our own host, and the browser says no other site."""
+    if connection.headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+        return False
     origin = connection.headers.get("origin")
     try:
         return origin is None or urlsplit(origin).netloc == connection.headers.get("host", "")
@@ -52,42 +65,77 @@ def is_same_origin(connection: HTTPConnection) -> bool:
         return False
 
 
-def token_of(connection: HTTPConnection, service: Service) -> TokenRow | None:
-    """The valid token behind a request, None without one. A cookie counts only for requests of our own pages."""
+def account_of(connection: HTTPConnection, service: Service) -> Account | None:
+    """The account behind a request, None without one. A cookie counts only for requests of our own pages."""
     scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
     now = service.store.clock()
     if scheme:
         if scheme.lower() != "bearer":
             return None
         with service.store.read() as rows:
-            return tokens.find(rows, secret.strip(), now)
+            token = tokens.find(rows, secret.strip(), now)
+        return sessions.of_token(token) if token is not None else None
     cookie = connection.cookies.get(COOKIE)
     if cookie is None or not is_same_origin(connection):
         return None
     with service.store.read() as rows:
-        return tokens.find_by_session(rows, cookie, now)
+        account = sessions.find(rows, cookie, now, service.presence.heard_at(cookie))
+    if account is not None:
+        service.presence.heard(account.session, now)
+    return account
 
 
 def person_of(connection: HTTPConnection, service: Service) -> Person | None:
-    """Who asks, None if nobody that is known."""
-    token = token_of(connection, service)
-    if token is None:
+    """Who asks, None if nobody that is known. Raises ApiError 422 for a client's name that is none."""
+    account = account_of(connection, service)
+    if account is None:
         return None
-    return Person(token.name, token.role, connection.client.host if connection.client else "", client_of(connection, token))
+    return Person(account.name, account.role, address_of(connection), client_of(connection, account), account.scopes, account)
 
 
-def client_of(connection: HTTPConnection, token: TokenRow) -> str:
+def address_of(connection: HTTPConnection) -> str:
+    """Where a request comes from."""
+    return connection.client.host if connection.client else ""
+
+
+def client_of(connection: HTTPConnection, account: Account) -> str:
     """Which client of a person asks: what it calls itself, else its token. Raises ApiError 422 for a name that is none."""
     given = connection.headers.get(CLIENT_HEADER, "")
     if given and not CLIENT_ID.fullmatch(given):
         raise ApiError(422, "The request does not fit", f"{CLIENT_HEADER} is no name", "letters, digits and . _ @ -, at most 64")
-    return f"{token.name}/{given or f'token-{token.id[-6:]}'}"
+    own = f"{'user' if account.is_user else 'token'}-{account.id[-6:]}"
+    return f"{account.name}/{given or own}"
+
+
+def is_of_page(connection: HTTPConnection, account: Account, method: str) -> bool:
+    """Whether what rides on a cookie and changes something brings the word of the session's own page."""
+    if not account.session or method in SAFE_METHODS or connection.scope["path"] == STOP_PATH:
+        return True
+    expected = sessions.csrf_of(connection.cookies.get(COOKIE, ""))
+    return hmac.compare_digest(connection.headers.get(CSRF_HEADER, "").encode("utf-8", "replace"), expected.encode())
+
+
+def scope_of(method: str, path: str) -> Scope | None:
+    """What a token must be good for to ask this; None for what concerns the own session only."""
+    if path == SESSION_PATH or path.startswith(f"{SESSION_PATH}/"):
+        return None
+    if path.startswith(PEOPLE_PATHS):
+        return Scope.ADMIN
+    if method in SAFE_METHODS:
+        return Scope.READ
+    return Scope.CELL if path.startswith(CELL_PATH) else Scope.JOBS
 
 
 def is_let_in(connection: HTTPConnection, service: Service, role: Role) -> bool:
-    """Whether somebody with this role, or one above it, asks."""
-    person = person_of(connection, service)
-    return person is not None and person.role.includes(role)
+    """Whether somebody with this role, or one above it, asks for what it may have."""
+    try:
+        person = person_of(connection, service)
+    except ApiError:
+        return False  # the route says why
+    if person is None or person.account is None or not person.role.includes(role):
+        return False
+    method = connection.scope.get("method", "GET")
+    return scope_of(method, connection.scope["path"]) in (None, *person.scopes) and is_of_page(connection, person.account, method)
 
 
 def needs(role: Role) -> Callable[..., Awaitable[Person]]:
@@ -102,24 +150,40 @@ def needs(role: Role) -> Callable[..., Awaitable[Person]]:
         _cookie: Annotated[object, Depends(cookie_scheme)] = None,
     ) -> Person:
         person = person_of(request, service_of(request))
-        if person is None:
-            raise ApiError(
-                401,
-                "Not signed in",
-                "this needs a valid token",
-                "sign in with a token from `cellctl token create`",
-                {"WWW-Authenticate": "Bearer"},
-            )
-        if not person.role.includes(role):
-            raise ApiError(
-                403,
-                "Not allowed",
-                f"this needs the role {role.value}; {person.name} is {person.role.value}",
-                "ask for another token",
-            )
+        if person is None or person.account is None:
+            raise not_signed_in("this needs a valid token or session", "sign in, or send a token from `cellctl token create`")
+        _check(person, person.account, request, role)
         return person
 
     return let_in
+
+
+def not_signed_in(detail: str, hint: str) -> ApiError:
+    """401."""
+    return ApiError(401, "Not signed in", detail, hint, {"WWW-Authenticate": "Bearer"})
+
+
+def _check(person: Person, account: Account, request: Request, role: Role) -> None:
+    """Raises ApiError 403."""
+    if not is_of_page(request, account, request.method):
+        raise ApiError(
+            403,
+            "Not allowed",
+            f"the request lacks the {CSRF_HEADER} of its session",
+            "load the page again; programs send a token instead of the cookie",
+            SESSION_CHANGED,
+        )
+    if not person.role.includes(role):
+        raise ApiError(
+            403,
+            "Not allowed",
+            f"this needs the role {role.value}; {person.name} is {person.role.value}",
+            "ask an admin for another role or token",
+        )
+    scope = scope_of(request.method, request.scope["path"])
+    if scope is not None and scope not in person.scopes:
+        detail = f"this needs a token good for {scope.value}; {person.name}'s is good for {', '.join(person.scopes)}"
+        raise ApiError(403, "Not allowed", detail, "use another token")
 
 
 async def the_service(connection: HTTPConnection) -> Service:
@@ -129,56 +193,6 @@ async def the_service(connection: HTTPConnection) -> Service:
 
 Viewer = Annotated[Person, Depends(needs(Role.VIEWER))]
 Operator = Annotated[Person, Depends(needs(Role.OPERATOR))]
+Engineer = Annotated[Person, Depends(needs(Role.ENGINEER))]
 Admin = Annotated[Person, Depends(needs(Role.ADMIN))]
 ServiceOf = Annotated[Service, Depends(the_service)]
-router = APIRouter(prefix="/api/v1/session", tags=["session"])
-
-
-@router.post("", status_code=200)
-def sign_in(body: SignIn, request: Request, response: Response, service: ServiceOf) -> Session:
-    """Exchange a token for a session cookie (HttpOnly, SameSite=Strict)."""
-    if not is_same_origin(request):
-        raise ApiError(403, "Not allowed", "the request comes from another site", "open the console itself")
-    store, now = service.store, service.store.clock()
-    origin = request.client.host if request.client else ""
-    with store.write() as rows:
-        token = tokens.find(rows, body.token, now)
-        if token is not None:
-            secret = tokens.open_session(rows, token, now)
-            audit.add(rows, Deed(token.name, token.role.value, origin, "sign in", token.id, ""), now, "ok")
-    if token is None:
-        raise ApiError(
-            401,
-            "Not signed in",
-            "this token is not valid",
-            "make one with `cellctl token create`",
-            {"WWW-Authenticate": "Bearer"},
-        )
-    response.set_cookie(
-        COOKIE,
-        secret,
-        max_age=int(tokens.SESSION_S),
-        httponly=True,
-        samesite="strict",
-        secure=request.url.scheme == "https",
-        path="/",
-    )
-    return Session(name=token.name, role=token.role, stop_url=service.stop_url(request))
-
-
-@router.get("")
-def session(person: Viewer, request: Request, service: ServiceOf) -> Session:
-    """Who is signed in."""
-    return Session(name=person.name, role=person.role, stop_url=service.stop_url(request))
-
-
-@router.delete("", status_code=204)
-def sign_out(request: Request, service: ServiceOf) -> Response:
-    """End the session; twice is harmless."""
-    cookie = request.cookies.get(COOKIE)
-    if cookie is not None and is_same_origin(request):
-        with service.store.write() as rows:
-            tokens.close_session(rows, cookie)
-    response = Response(status_code=204)
-    response.delete_cookie(COOKIE, path="/", httponly=True, samesite="strict")
-    return response

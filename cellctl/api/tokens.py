@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from cellctl.api.models import FreshToken, NewToken, Token, Tokens
+from cellctl.api.models_people import FreshToken, NewToken, Token, Tokens
 from cellctl.api.problems import DOCUMENTED
 from cellctl.api.sign_in import Admin, ServiceOf
 from cellctl.store import audit, tokens
+from cellctl.store.tokens import TokenRow
 
 router = APIRouter(prefix="/api/v1/tokens", tags=["tokens"], responses=DOCUMENTED)
+
+
+def document(row: TokenRow) -> Token:
+    """A token as it is told."""
+    return Token(**{**row.__dict__, "scopes": list(row.scopes)})
 
 
 @router.get("")
 def list_tokens(_person: Admin, service: ServiceOf) -> Tokens:
     """All tokens, oldest first, without their secrets."""
     with service.store.read() as rows:
-        return Tokens(items=[Token(**row.__dict__) for row in tokens.every(rows)])
+        return Tokens(items=[document(row) for row in tokens.every(rows)])
 
 
 @router.post("", status_code=201)
@@ -24,9 +30,9 @@ def create_token(person: Admin, service: ServiceOf, body: NewToken) -> FreshToke
     """A new token."""
     now = service.store.clock()
     with service.store.write() as rows:
-        row, secret = tokens.create(rows, body.name, body.role, now, body.lifetime_s)
-        audit.add(rows, person.deed("create token", row.id), now, "ok")
-    return FreshToken(**row.__dict__, secret=secret)
+        row, secret = tokens.create(rows, body.name, body.role, now, body.lifetime_s, body.scopes)
+        audit.add(rows, person.deed("create token", row.id), now, f"ok: {row.role.value} for {row.name}, good for {', '.join(row.scopes)}")
+    return FreshToken(**document(row).model_dump(), secret=secret)
 
 
 @router.delete("/{token_id}")
@@ -36,4 +42,4 @@ def revoke_token(person: Admin, service: ServiceOf, token_id: str) -> Token:
     with service.store.write() as rows:
         row = tokens.revoke(rows, token_id, now)
         audit.add(rows, person.deed("revoke token", token_id), now, "ok")
-    return Token(**row.__dict__)
+    return document(row)

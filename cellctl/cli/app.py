@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import typer
 
-from cellctl.cli import files, models, remote, service, tokens
+from cellctl.cli import files, models, remote, service, tokens, users
+from cellctl.cli.audit import audit
 from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
 from cellctl.cli.record import record
@@ -20,7 +21,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Service": (service.demo, service.serve, service.sim, service.doctor),
+    "Service": (service.demo, service.serve, service.sim, service.doctor, audit),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on),
     "Cell": (
@@ -32,3 +33,4 @@ for panel, commands in COMMANDS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
 app.add_typer(tokens.app, name="token", rich_help_panel="Service")
+app.add_typer(users.app, name="user", rich_help_panel="Service")

@@ -53,6 +53,7 @@ def serve(
     """Run the service: the cell process, the web process with the console, and the planning workers."""
     import asyncio
 
+    from cellctl.first_start import has_admin
     from cellctl.supervise import Address, Options, Supervisor
 
     def ready(address: Address, secret: str | None) -> None:
@@ -64,6 +65,8 @@ def serve(
         if secret is not None:
             output.line(f"operator token    {secret}")
             output.line(f"                  (shown once; for this user also in {store / 'operator.token'})")
+        if not has_admin(store):
+            output.line("no admin yet      `cellctl user add NAME --role admin` makes one, who makes the others at the console")
         output.line("Ctrl-C stops the service.")
 
     def say(text: str) -> None:

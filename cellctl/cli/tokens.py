@@ -3,14 +3,47 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cellctl.cli import output
 from cellctl.cli.input import DEFAULT_STORE, InputFault, Json, StoreFolder
 
+if TYPE_CHECKING:
+    from cellctl.store.tokens import Role, Scope, TokenRow
+
 app = typer.Typer(help="Make, list and revoke tokens of the local store.", no_args_is_help=True)
+
+
+def asked_role(role: str) -> Role:
+    """The role of this name. Raises InputFault."""
+    from cellctl.store import tokens
+
+    try:
+        return tokens.Role(role)
+    except ValueError:
+        raise InputFault(f"--role {role}: there is no such role", "viewer, operator, engineer or admin") from None
+
+
+def asked_scopes(words: list[str] | None) -> list[Scope]:
+    """The scopes of these names. Raises InputFault."""
+    from cellctl.store import tokens
+
+    try:
+        return [tokens.Scope(word) for word in words or []]
+    except ValueError as error:
+        raise InputFault(f"--scope: {error}", "read, jobs, cell or admin; several times for more") from None
+
+
+def day(at: float | None) -> str:
+    """A time as it is listed, UTC."""
+    return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M") if at is not None else ""
+
+
+def shown(row: TokenRow) -> dict[str, Any]:
+    """A token, for programs."""
+    return {**row.__dict__, "scopes": list(row.scopes)}
 
 
 @app.command()
@@ -20,27 +53,27 @@ def create(
     days: Annotated[
         float | None, typer.Option("--days", min=0.0, help="How long it is valid. Default: until revoked.")
     ] = None,
+    scope: Annotated[
+        list[str] | None, typer.Option("--scope", help="read, jobs, cell or admin; again for more. Default: all that the role may.")
+    ] = None,
     store: StoreFolder = DEFAULT_STORE,
     json: Json = False,
 ) -> None:
     """Make a token and print it; it is nowhere else."""
     from cellctl.store import audit, open_store, tokens, upgrade
 
-    try:
-        wanted = tokens.Role(role)
-    except ValueError:
-        raise InputFault(f"--role {role}: there is no such role", "viewer, operator, engineer or admin") from None
+    wanted, scopes = asked_role(role), asked_scopes(scope)
     upgrade(store)
     opened = open_store(store)
     try:
         with opened.write() as rows:
             now = opened.clock()
-            row, secret = tokens.create(rows, name, wanted, now, days * 86400.0 if days is not None else None)
+            row, secret = tokens.create(rows, name, wanted, now, days * 86400.0 if days is not None else None, scopes)
             audit.add(rows, audit.Deed("command line", "admin", "local", "create token", row.id, ""), now, "ok")
     finally:
         opened.close()
     if json:
-        output.as_json({**row.__dict__, "secret": secret})
+        output.as_json({**shown(row), "secret": secret})
     else:
         output.line(secret)
 
@@ -57,17 +90,12 @@ def list_tokens(store: StoreFolder = DEFAULT_STORE, json: Json = False) -> None:
     finally:
         opened.close()
     if json:
-        output.as_json([row.__dict__ for row in found])
+        output.as_json([shown(row) for row in found])
         return
 
-    def day(at: float | None) -> str:
-        return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M") if at is not None else ""
-
-    columns = ("id", "name", "role", "created (UTC)", "expires", "revoked")
-    output.table(
-        columns,
-        [(row.id, row.name, row.role, day(row.created_at), day(row.expires_at), day(row.revoked_at)) for row in found],
-    )
+    columns = ("id", "name", "role", "good for", "created (UTC)", "expires", "revoked")
+    times = [(day(row.created_at), day(row.expires_at), day(row.revoked_at)) for row in found]
+    output.table(columns, [(row.id, row.name, row.role, " ".join(row.scopes), *time) for row, time in zip(found, times, strict=True)])
 
 
 @app.command()
@@ -90,6 +118,6 @@ def revoke(
     finally:
         opened.close()
     if json:
-        output.as_json(row.__dict__)
+        output.as_json(shown(row))
     else:
         output.line(f"{row.id} is revoked")

@@ -136,17 +136,43 @@ tokens = Table(
     Column("created_at", REAL, nullable=False),
     Column("expires_at", REAL),
     Column("revoked_at", REAL),
+    Column("scopes", Text, nullable=False, server_default=""),
+)
+
+users = Table(
+    "users",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    Column("name", String(64), nullable=False, unique=True),
+    Column("role", String(16), nullable=False),
+    Column("password_hash", Text, nullable=False),
+    Column("created_at", REAL, nullable=False),
+    Column("password_at", REAL, nullable=False),
+    Column("disabled_at", REAL),
 )
 
 sessions = Table(
     "sessions",
     metadata,
     Column("sha256", String(64), primary_key=True),
-    Column("token_id", String(40), ForeignKey("tokens.id"), nullable=False),
+    Column("token_id", String(40), ForeignKey("tokens.id")),
+    Column("user_id", String(40), ForeignKey("users.id")),
     Column("created_at", REAL, nullable=False),
+    Column("seen_at", REAL, nullable=False),
     Column("expires_at", REAL, nullable=False),
 )
 
+# Failed sign-ins by account, by address, and by both; free_at: from when on the next one is looked at.
+sign_in_tries = Table(
+    "sign_in_tries",
+    metadata,
+    Column("key", String(200), primary_key=True),
+    Column("failures", Integer, nullable=False),
+    Column("last_at", REAL, nullable=False),
+    Column("free_at", REAL, nullable=False),
+)
+
+# Triggers of the migration refuse every change of a row that is there.
 audit = Table(
     "audit",
     metadata,
@@ -159,6 +185,7 @@ audit = Table(
     Column("target", Text, nullable=False),
     Column("because", Text, nullable=False),
     Column("outcome", Text, nullable=False),
+    Column("sha256", String(64), nullable=False, server_default=""),
     Index("ix_audit_target", "target"),
     sqlite_autoincrement=True,
 )

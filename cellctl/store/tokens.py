@@ -1,9 +1,11 @@
-"""Tokens and sessions: 256 random bits each, kept as SHA-256 only. Such secrets cannot be guessed, so no slow hash is needed."""
+"""Tokens: 256 random bits each, kept as SHA-256 only. Such secrets cannot be guessed, so no slow hash is needed."""
 
 from __future__ import annotations
 
 import hashlib
+import hmac
 import secrets
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -14,7 +16,6 @@ from cellctl.store.parts import NotFoundError
 from cellctl.store.schema import sessions, tokens
 
 PREFIX = "cell_"
-SESSION_S = 12 * 3600.0  # one shift
 
 
 class Role(StrEnum):
@@ -31,9 +32,21 @@ class Role(StrEnum):
         return order.index(self) >= order.index(other)
 
 
+class Scope(StrEnum):
+    """An area that a token is good for, within its role: look; change parts, jobs and facts; command the cell; people and tokens."""
+
+    READ = "read"
+    JOBS = "jobs"
+    CELL = "cell"
+    ADMIN = "admin"
+
+
+ALL_SCOPES = tuple(Scope)
+
+
 @dataclass(frozen=True)
 class TokenRow:
-    """One token, without its secret."""
+    """One token, without its secret. scopes : all of them unless it was made narrower"""
 
     id: str
     name: str
@@ -41,31 +54,38 @@ class TokenRow:
     created_at: float
     expires_at: float | None
     revoked_at: float | None
+    scopes: tuple[Scope, ...] = ALL_SCOPES
 
 
-def _digest(secret: str) -> str:
-    return hashlib.sha256(secret.encode()).hexdigest()
+def digest(secret: str) -> str:
+    """Under which a secret is kept."""
+    return hashlib.sha256(secret.encode("utf-8", "replace")).hexdigest()
 
 
-def _row(values: RowMapping) -> TokenRow:
+def row_of(values: RowMapping) -> TokenRow:
+    """A row of the table."""
     fields = {name: values[name] for name in TokenRow.__dataclass_fields__}
-    return TokenRow(**{**fields, "role": Role(fields["role"])})
+    scopes = tuple(Scope(word) for word in fields["scopes"].split()) or ALL_SCOPES
+    return TokenRow(**{**fields, "role": Role(fields["role"]), "scopes": scopes})
 
 
 def create(
-    connection: Connection, name: str, role: Role, at: float, lifetime_s: float | None = None
+    connection: Connection, name: str, role: Role, at: float, lifetime_s: float | None = None, scopes: Iterable[Scope] = ()
 ) -> tuple[TokenRow, str]:
-    """A new token and its secret, which is nowhere else."""
+    """A new token and its secret, which is nowhere else. scopes : none named means all"""
     secret = PREFIX + secrets.token_urlsafe(32)
-    row = TokenRow(new_id("token", at), name, role, at, at + lifetime_s if lifetime_s is not None else None, None)
-    connection.execute(insert(tokens).values(**{**row.__dict__, "role": role.value}, sha256=_digest(secret)))
+    chosen = tuple(scope for scope in Scope if scope in set(scopes)) or ALL_SCOPES
+    expires_at = at + lifetime_s if lifetime_s is not None else None
+    row = TokenRow(new_id("token", at), name, role, at, expires_at, None, chosen)
+    values = {**row.__dict__, "role": role.value, "scopes": "" if chosen == ALL_SCOPES else " ".join(chosen)}
+    connection.execute(insert(tokens).values(**values, sha256=digest(secret)))
     return row, secret
 
 
 def every(connection: Connection) -> list[TokenRow]:
     """All tokens, oldest first, revoked ones too."""
     return [
-        _row(row) for row in connection.execute(select(tokens).order_by(tokens.c.created_at, tokens.c.id)).mappings()
+        row_of(row) for row in connection.execute(select(tokens).order_by(tokens.c.created_at, tokens.c.id)).mappings()
     ]
 
 
@@ -78,40 +98,23 @@ def revoke(connection: Connection, token_id: str, at: float) -> TokenRow:
     row = connection.execute(select(tokens).where(tokens.c.id == token_id)).mappings().first()
     if row is None:
         raise NotFoundError("token", token_id)
-    return _row(row)
+    return row_of(row)
 
 
-def _valid(row: RowMapping | None, at: float) -> TokenRow | None:
+def valid(row: RowMapping | None, at: float) -> TokenRow | None:
+    """The token, None if there is none or it is revoked or has expired."""
     if row is None or row["revoked_at"] is not None or (row["expires_at"] is not None and row["expires_at"] <= at):
         return None
-    return _row(row)
+    return row_of(row)
 
 
 def find(connection: Connection, secret: str, at: float) -> TokenRow | None:
     """The valid token with this secret. Looked up by hash, so timing tells nothing of the secret."""
-    return _valid(connection.execute(select(tokens).where(tokens.c.sha256 == _digest(secret))).mappings().first(), at)
-
-
-def open_session(connection: Connection, token: TokenRow, at: float) -> str:
-    """A new session's secret, for the cookie."""
-    secret = secrets.token_urlsafe(32)
-    connection.execute(delete(sessions).where(sessions.c.expires_at <= at))
-    connection.execute(
-        insert(sessions).values(sha256=_digest(secret), token_id=token.id, created_at=at, expires_at=at + SESSION_S)
-    )
-    return secret
-
-
-def find_by_session(connection: Connection, secret: str, at: float) -> TokenRow | None:
-    """The valid token behind an open session."""
-    query = select(tokens).join(sessions, sessions.c.token_id == tokens.c.id)
-    query = query.where(sessions.c.sha256 == _digest(secret), sessions.c.expires_at > at)
-    return _valid(connection.execute(query).mappings().first(), at)
-
-
-def close_session(connection: Connection, secret: str) -> None:
-    """End a session; twice is harmless."""
-    connection.execute(delete(sessions).where(sessions.c.sha256 == _digest(secret)))
+    key = digest(secret)
+    row = connection.execute(select(tokens).where(tokens.c.sha256 == key)).mappings().first()
+    if row is not None and not hmac.compare_digest(row["sha256"], key):
+        return None
+    return valid(row, at)
 
 
 def count_valid(connection: Connection, at: float, role: Role | None = None) -> int:

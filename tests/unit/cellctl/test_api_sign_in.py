@@ -56,16 +56,17 @@ async def test_session_cookie_signs_in_until_signed_out(web: Any) -> None:
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie and "samesite=strict" in cookie.lower()
     assert (await browser.get("/api/v1/session")).json()["name"] == "the operator"
-    assert (await browser.delete("/api/v1/session")).status_code == 204
+    page = {"X-CSRF-Token": answer.json()["csrf"]}
+    assert (await browser.delete("/api/v1/session", headers=page)).status_code == 204
     assert_problem(await browser.get("/api/v1/session"), 401)
 
 
 async def test_cookie_does_not_count_for_a_page_of_another_origin(web: Any) -> None:
     browser = web.nobody
-    await browser.post("/api/v1/session", json={"token": web.secrets[Role.OPERATOR]})
+    session = (await browser.post("/api/v1/session", json={"token": web.secrets[Role.OPERATOR]})).json()
     for origin in ("http://evil.example", "http://127.0.0.1:9999", "null"):
         assert_problem(await browser.post("/api/v1/cell/stop", json={}, headers={"Origin": origin}), 401)
-    same = await browser.post("/api/v1/cell/hold", json={}, headers={"Origin": "http://127.0.0.1:8000"})
+    same = await browser.post("/api/v1/cell/hold", json={}, headers={"Origin": "http://127.0.0.1:8000", "X-CSRF-Token": session["csrf"]})
     assert_problem(same, 503)  # let in; no cell process is there
 
 

@@ -12,7 +12,8 @@ import pytest
 from cellctl import cli
 from cellctl.cli.files import direction_of
 from cellctl.cli.input import InputFault
-from cellctl.supervise import ServeError, check_reach, first_token, free_port, only_one
+from cellctl.first_start import ServeError, check_reach, first_token
+from cellctl.supervise import free_port, only_one
 from planner.errors import PlannerError
 
 

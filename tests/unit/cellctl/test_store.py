@@ -9,7 +9,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
 from cellctl.domain.jobs import STEPS, JobState, WrongJobStateError
-from cellctl.store import Store, StoreError, blobs, idempotency, jobs, open_store, parts, tokens, upgrade
+from cellctl.store import Store, StoreError, blobs, idempotency, jobs, open_store, parts, sessions, tokens, upgrade
 from cellctl.store.idempotency import KeyReusedError
 from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
@@ -141,10 +141,11 @@ def test_token_is_found_by_its_secret_which_is_not_kept(store: Store) -> None:
 def test_revoked_token_ends_its_sessions(store: Store) -> None:
     with store.write() as rows:
         row, secret = tokens.create(rows, "me", Role.OPERATOR, 0.0)
-        session = tokens.open_session(rows, row, 0.0)
-        assert tokens.find_by_session(rows, session, 1.0) == row
+        session = sessions.open_for(rows, sessions.of_token(row), 0.0)
+        found = sessions.find(rows, session, 1.0)
+        assert found is not None and (found.id, found.is_user) == (row.id, False)
         tokens.revoke(rows, row.id, 2.0)
-        assert tokens.find_by_session(rows, session, 3.0) is None
+        assert sessions.find(rows, session, 3.0) is None
         assert tokens.find(rows, secret, 3.0) is None
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from cellctl.cell.ipc import IpcServer
 from cellctl.domain.messages import Command, Reply
-from cellctl.supervise import ADDRESS_FILE, Keeper, ServeError, port_left
+from cellctl.first_start import ServeError
+from cellctl.supervise import ADDRESS_FILE, Keeper, port_left
 
 LOCAL = "127.0.0.1"
 

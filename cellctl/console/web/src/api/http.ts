@@ -15,6 +15,16 @@ export class RequestError extends Error {
 /** By which the cell tells this page from others; a page that is loaded again keeps it. */
 export const clientId = kept("cellctl.client", () => newKey("console").slice(0, 14));
 
+/** What the session gave this page to send with everything that changes something. */
+let csrf = "";
+let askAgain: () => Promise<void> = () => Promise.resolve();
+
+/** The word of a new session; how to ask for it again when another page of this browser opened one. */
+export function useCsrf(word: string, again?: () => Promise<void>): void {
+  csrf = word;
+  if (again) askAgain = again;
+}
+
 function kept(key: string, make: () => string): string {
   const known = sessionStorage.getItem(key);
   if (known) return known;
@@ -23,9 +33,10 @@ function kept(key: string, make: () => string): string {
   return made;
 }
 
-async function checked(path: string, init: RequestInit): Promise<Response> {
+async function checked(path: string, init: RequestInit, isFirst = true): Promise<Response> {
   let answer: Response;
-  const headers = { ...(init.headers as Record<string, string> | undefined), "X-Client-Id": clientId };
+  const headers: Record<string, string> = { ...(init.headers as Record<string, string> | undefined), "X-Client-Id": clientId };
+  if (init.method && init.method !== "GET") headers["X-CSRF-Token"] = csrf;
   try {
     answer = await fetch(`/api/v1${path}`, { credentials: "same-origin", ...init, headers });
   } catch (error) {
@@ -33,6 +44,10 @@ async function checked(path: string, init: RequestInit): Promise<Response> {
     throw new RequestError(0, { title: words.problems.noAnswer, detail: words.problems.noAnswerDetail });
   }
   if (answer.ok) return answer;
+  if (isFirst && answer.status === 403 && answer.headers.has("X-Session-Changed")) {
+    await askAgain();
+    return checked(path, init, false);
+  }
   let problem: Problem = { title: words.problems.refused(answer.status), detail: "" };
   try {
     problem = { ...problem, ...((await answer.json()) as Problem) };
@@ -57,6 +72,11 @@ export async function post<T>(path: string, body: object, idempotencyKey?: strin
   const headers: Record<string, string> = { "Content-Type": "application/json" };
   if (idempotencyKey) headers["Idempotency-Key"] = idempotencyKey;
   return (await (await checked(path, { method: "POST", headers, body: JSON.stringify(body) })).json()) as T;
+}
+
+/** POST or PATCH a JSON body that is answered without one, or with one that does not matter. */
+export async function send(method: "POST" | "PATCH", path: string, body: object): Promise<void> {
+  await checked(path, { method, headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 }
 
 /** POST a form with a file. */

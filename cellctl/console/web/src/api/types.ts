@@ -161,9 +161,14 @@ export interface CellEvent {
 
 export type Role = "viewer" | "operator" | "engineer" | "admin";
 
+export type Scope = "read" | "jobs" | "cell" | "admin";
+
 export interface Session {
   name: string;
   role: Role;
+  scopes: Scope[];
+  is_user: boolean;
+  csrf: string;
   stop_url: string;
 }
 

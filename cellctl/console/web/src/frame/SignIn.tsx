@@ -15,7 +15,7 @@ export function SignIn() {
     event.preventDefault();
     setBusy(true);
     try {
-      await signIn(token.current?.value.trim() ?? "");
+      await signIn({ token: token.current?.value.trim() ?? "" });
     } catch (error) {
       setProblem(noticeOf(error));
       setBusy(false);

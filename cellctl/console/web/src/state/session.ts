@@ -1,6 +1,6 @@
 // Who is signed in at this page.
 import { computed, signal } from "@preact/signals";
-import { get, post, remove, RequestError } from "../api/http";
+import { get, post, remove, RequestError, send, useCsrf } from "../api/http";
 import type { Role, Session } from "../api/types";
 
 const RANK: Record<Role, number> = { viewer: 0, operator: 1, engineer: 2, admin: 3 };
@@ -16,11 +16,20 @@ function has(role: Role): boolean {
 
 export const isOperator = computed(() => has("operator"));
 export const isEngineer = computed(() => has("engineer"));
+export const isAdmin = computed(() => has("admin"));
+
+/** A user's name and password, or a token. */
+export type Credentials = { user: string; password: string } | { token: string };
+
+function take(found: Session): void {
+  useCsrf(found.csrf, restore);
+  session.value = found;
+}
 
 /** Ask the service who is signed in. Raises RequestError if it does not answer. */
 export async function restore(): Promise<void> {
   try {
-    session.value = await get<Session>("/session");
+    take(await get<Session>("/session"));
   } catch (error) {
     if (!(error instanceof RequestError) || error.status !== 401) throw error;
     hasEnded.value = session.value != null;
@@ -29,14 +38,19 @@ export async function restore(): Promise<void> {
 }
 
 /** Raises RequestError. */
-export async function signIn(token: string): Promise<void> {
-  session.value = await post<Session>("/session", { token });
+export async function signIn(given: Credentials): Promise<void> {
+  take(await post<Session>("/session", given));
   hasEnded.value = false;
 }
 
-/** Raises RequestError. */
-export async function signOut(): Promise<void> {
-  await remove("/session");
+/** Change the own password; other sessions of this user end. Raises RequestError. */
+export async function changePassword(password: string, newPassword: string): Promise<void> {
+  await send("POST", "/session/password", { password, new_password: newPassword });
+}
+
+/** everywhere: at other browsers too. Raises RequestError. */
+export async function signOut(everywhere = false): Promise<void> {
+  await remove(everywhere ? "/session?everywhere=true" : "/session");
   hasEnded.value = false;
   session.value = null;
 }
