@@ -8,6 +8,7 @@ import typer
 
 from cellctl.cli import files, models, remote, service, tokens, users
 from cellctl.cli.audit import audit
+from cellctl.cli.backup import backup, restore
 from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
 from cellctl.cli.record import record
@@ -21,7 +22,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Service": (service.demo, service.serve, service.sim, service.doctor, audit),
+    "Service": (service.demo, service.serve, service.sim, service.doctor, audit, backup, restore),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on),
     "Cell": (
