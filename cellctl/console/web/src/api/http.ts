@@ -33,7 +33,8 @@ function kept(key: string, make: () => string): string {
   return made;
 }
 
-async function checked(path: string, init: RequestInit, isFirst = true): Promise<Response> {
+/** Any request under the API. Raises RequestError unless it is answered with 2xx. */
+export async function checked(path: string, init: RequestInit, isFirst = true): Promise<Response> {
   let answer: Response;
   const headers: Record<string, string> = { ...(init.headers as Record<string, string> | undefined), "X-Client-Id": clientId };
   if (init.method && init.method !== "GET") headers["X-CSRF-Token"] = csrf;
