@@ -10,6 +10,7 @@ import { words } from "../words";
 import { duration, fixed, whole } from "../words/format";
 import { Approve } from "./Approve";
 import { GoOn } from "./GoOn";
+import { PlanLink } from "../parts/PlanLink";
 import { JobState } from "./JobState";
 import { Pieces } from "./Pieces";
 import { Proof } from "./Proof";
@@ -35,6 +36,7 @@ export function JobDetail({ job }: { job: Job }) {
           <b>{job.error.title}</b> {job.error.detail}. {job.error.hint}
         </p>
       )}
+      <PlanLink job={job} />
       <GoOn job={job} key={job.id} />
       <Approve job={job} key={`approve-${job.id}`} />
       <Rest job={job} key={`rest-${job.id}`} />
