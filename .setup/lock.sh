@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Writes requirements.txt, and bench.txt for what only `make bench` needs, from the ranges in pyproject.toml: exact versions and hashes for all systems and Python
-# 3.11 to 3.13, no host names. Pins that still fit stay; UPGRADE=1 takes the newest of everything.
+# 3.11 to 3.13, no host names; and runtime.txt, what the service alone needs, for the container file. Pins that still fit stay; UPGRADE=1 takes the newest of everything.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ -x .venv/bin/python ] || { echo "lock: run \`make setup\` first" >&2; exit 1; }
@@ -15,3 +15,12 @@ compile() { # GROUP FILE [OPTION ...]
 }
 compile dev .setup/requirements.txt pyproject.toml
 compile bench .setup/bench.txt --constraint .setup/requirements.txt
+.venv/bin/python - <<'PY' >"$folder/runtime.in"
+import tomllib
+project = tomllib.load(open("pyproject.toml", "rb"))["project"]
+print("\n".join([*project["dependencies"], *project["optional-dependencies"]["opcua"], *project["optional-dependencies"]["postgres"]]))
+PY
+"$folder/uv/bin/uv" pip compile --output-file .setup/runtime.txt --generate-hashes --universal --python-version 3.11 \
+    --no-emit-index-url --no-header --no-annotate --quiet --constraint .setup/requirements.txt "$folder/runtime.in"
+if grep -n '://' .setup/runtime.txt; then echo "lock: the lines above of .setup/runtime.txt name a host" >&2; exit 1; fi
+echo "lock: $(grep -c '^[a-zA-Z0-9]' .setup/runtime.txt) packages in .setup/runtime.txt"
