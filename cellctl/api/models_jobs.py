@@ -175,6 +175,7 @@ class Move(Strict):
     before: str | None = Field(None, max_length=60)
     behind: str | None = Field(None, max_length=60)
     position: int | None = Field(None, ge=0, le=10**7)
+    version: int | None = Field(None, ge=0, le=2**53, description="of the order that was seen; 412 if it is another by now")
     because: Because = ""
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Header, Response
+from fastapi import APIRouter
 from pydantic import BaseModel
 from sqlalchemy import Connection
 
@@ -26,7 +26,6 @@ from cellctl.store.lanes import Lane, NotInLaneError, Place
 router = APIRouter(prefix="/api/v1", tags=["queue"], responses=DOCUMENTED)
 WORDS = {Lane.PLANNING: "planning queue", Lane.CELL: "queue of the cell"}
 LOOKED_AT = 200  # first jobs of the queue among which the next one is looked for
-IfMatch = Annotated[str | None, Header(max_length=100, description="the ETag under which the order was seen")]
 
 
 class Queue(BaseModel):
@@ -40,32 +39,24 @@ class Queue(BaseModel):
     next: str | None = None
 
 
-def _etag(lane: Lane, version: int) -> str:
-    return f'"{lane.value}-{version}"'
-
-
-def check_version(rows: Connection, lane: Lane, if_match: str | None) -> None:
+def check_version(rows: Connection, lane: Lane, seen: int | None) -> None:
     """Raises ApiError 412 if the order is not the one that was seen."""
-    if if_match is None:
-        return
-    now = _etag(lane, lanes.version(rows, lane))
-    if if_match.strip() not in (now, "*"):
+    if seen is not None and seen != lanes.version(rows, lane):
         raise ApiError(
             412, "The queue changed meanwhile", f"the {WORDS[lane]} is not as you saw it: jobs were moved, came or left since",
-            "look at the queue again, then move the job", {"ETag": now},
+            "look at the queue again, then move the job",
         )  # fmt: skip
 
 
 @router.get("/queue")
 def get_queue(
-    _person: Viewer, service: ServiceOf, response: Response, lane: Lane = Lane.CELL, cursor: Cursor = None, limit: Limit = 50
+    _person: Viewer, service: ServiceOf, lane: Lane = Lane.CELL, cursor: Cursor = None, limit: Limit = 50
 ) -> Queue:
-    """A queue in its order, with what each job waits for. The ETag names the order: give it to a move as If-Match."""
+    """A queue in its order, with what each job waits for. `version` names the order: give it to a move, which then changes no other order."""
     with service.store.read() as rows:
         found, following = find(rows, Asked((lanes.STATE_OF[lane],)), "queue", cursor, limit)
         version = lanes.version(rows, lane)
         ahead = lanes.ahead_of(rows, lane, _place(found[0])) if found and cursor is not None else 0
-        response.headers["ETag"] = _etag(lane, version)
         items = documents(service, found, rows)
         return Queue(lane=lane, version=version, length=lanes.length(rows, lane), first=ahead, items=items, next=following)
 
@@ -112,9 +103,9 @@ def _last(rows: Connection, lane: Lane, moved: Place) -> Place | None:
 
 @router.post("/queue/move")
 async def move(
-    person: Operator, service: ServiceOf, response: Response, body: Move, lane: Lane = Lane.CELL, if_match: IfMatch = None, limit: Limit = 50
+    person: Operator, service: ServiceOf, body: Move, lane: Lane = Lane.CELL, limit: Limit = 50
 ) -> Queue:
-    """Move a job in its queue. It takes on the priority of its new neighbours where it has to. With If-Match 412 tells that the order changed."""
+    """Move a job in its queue. It takes on the priority of its new neighbours where it has to. With `version` 412 tells that the order changed."""
     ways = [body.to, body.before, body.behind, body.position]
     if sum(way is not None for way in ways) != 1:
         raise ApiError(422, "The request does not fit", "say one of to, before, behind and position", "the schema is in /openapi.json")
@@ -123,7 +114,7 @@ async def move(
         now = service.store.clock()
         with service.store.write() as rows:
             job = jobs.get(rows, body.job)
-            check_version(rows, lane, if_match)
+            check_version(rows, lane, body.version)
             try:
                 target = _target(rows, lane, body)
             except NotInLaneError as error:
@@ -138,7 +129,6 @@ async def move(
             return Queue(lane=lane, version=version, length=lanes.length(rows, lane), first=0, items=items, next=following)
 
     queue = await asyncio.to_thread(write)
-    response.headers["ETag"] = _etag(lane, queue.version)
     service.feed.take_job(body.job)
     service.queue.wake()
     service.runs.wake()
