@@ -165,6 +165,7 @@ async def _until_left(receive: Receive) -> None:
 
 @router.get(
     "/api/v1/events/stream",
+    status_code=200,
     response_class=EventStream,
     operation_id="stream_events",
     responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}, "description": "Messages until the reader leaves"}},
