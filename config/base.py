@@ -82,11 +82,21 @@ def read_facts(model: type[F], path: Path) -> F:
     return parse_facts(model, text, str(path))
 
 
+PREFERRED: dict[tuple[str, str], Path] = {}
+
+
+def prefer(kind: str, name: str, path: Path) -> None:
+    """From here on, in this process, facts of this kind and name are those of the file: a shop's own version goes before the shipped one."""
+    PREFERRED[kind, name] = path
+
+
 def find_facts(kind: str, name: str) -> Path:
-    """Path of a facts file by path (`./my.toml`) or by the name of a shipped one (`kind` is cells, devices or materials).
+    """Path of a facts file by path (`./my.toml`) or by name, preferred before shipped (`kind` is cells, devices or materials).
 
     Raises ConfigError that lists the shipped names.
     """
+    if (kind, name) in PREFERRED:
+        return PREFERRED[kind, name]
     given = Path(name)
     if given.suffix == ".toml" and given.is_file():
         return given

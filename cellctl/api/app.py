@@ -92,6 +92,7 @@ def build_service(settings: Settings) -> Service:
     """Open the store and put the parts of the service together. Raises StoreError, ConfigError."""
     served = load_cell(settings.cell_file)
     store = open_store(settings.store)
+    facts.see_what_is_shipped(store, served, str(settings.cell_file))
     scratch = settings.store / "scratch"
     scratch.mkdir(exist_ok=True)
     workers = Workers(scratch, settings.worker_memory_bytes)

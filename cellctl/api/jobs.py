@@ -24,13 +24,14 @@ from cellctl.api.waits import waits_of, why_of
 from cellctl.domain.jobs import ON_CELL, JobState
 from cellctl.faults import one_line
 from cellctl.planning.view import layers_written
-from cellctl.store import audit, dependencies, idempotency, job_search, jobs, parts, threads
+from cellctl.store import audit, dependencies, idempotency, job_search, jobs, parts, threads, versions
 from cellctl.store.dependencies import Dependency
 from cellctl.store.ids import new_id
 from cellctl.store.job_search import Asked, Sort
 from cellctl.store.jobs import JobRow
+from cellctl.store.parts import NotFoundError
 from cellctl.store.tokens import Role
-from config import explain, load_material
+from config import ConfigError, explain
 from planner.errors import RecipeError
 from planner.recipe import Recipe, parse_recipe
 
@@ -92,8 +93,17 @@ def recipe_from(body: NewJob) -> Recipe:
         raise RecipeError(
             f"recipe: material: {recipe.material!r} is not a name", "name a material of GET /api/v1/materials"
         )
-    load_material(recipe.material)
     return recipe
+
+
+def pins_of(service: Service, rows: Connection, material: str) -> dict[str, str]:
+    """The versions of material and cell that a job submitted now is made with. Raises ConfigError for a material that is not there."""
+    try:
+        newest = versions.material(rows, material)
+    except NotFoundError:
+        known = ", ".join(row.name for row in versions.materials(rows))
+        raise ConfigError(f"recipe: material: there is no material {material[:60]!r}", f"there are: {known}") from None
+    return {"material_sha256": newest.sha256, "cell_sha256": service.cell.sha256}
 
 
 def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> tuple[dict[str, Any], bool]:
@@ -119,6 +129,7 @@ def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> 
         toml = tomli_w.dumps(recipe.model_dump(mode="json", exclude_none=True))
         name = one_line(body.name or part.name)
         extra: dict[str, Any] = {"priority": body.priority, "not_before": body.not_before}
+        extra |= pins_of(service, rows, recipe.material)
         job = jobs.add(rows, JobRow(new_id("job", now), name, part.id, cell, toml, recipe.material, now, person.name, **extra))
         threads.set_tags(rows, job.id, body.tags)
         dependencies.replace(rows, job.id, [(one.job, one.until) for one in body.after])

@@ -95,6 +95,8 @@ class Job(BaseModel):
     resumption: dict[str, Any] | None = Field(
         None, description="figures of the generated program: overlap_mm, lead_in_mm, clearance_mm, extra_s, remaining_s, remaining_lines, ..."
     )
+    material_sha256: str = Field("", description="version of the material that it is made with")
+    cell_sha256: str = Field("", description="version of the cell that it is made with")
     plan_sha256: str | None
     program_sha256: str | None
     proof_sha256: str | None
@@ -225,19 +227,6 @@ class Program(BaseModel):
     layers: int
     duration_s: float
     files: list[ProgramFile]
-
-
-class Named(BaseModel):
-    """A shipped facts file."""
-
-    name: str
-    facts: dict[str, Any]
-
-
-class NamedList(BaseModel):
-    """Facts by name."""
-
-    items: list[Named]
 
 
 class Health(BaseModel):

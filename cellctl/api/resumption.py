@@ -90,6 +90,7 @@ def _resume(service: Service, person: Person, job_id: str, body: Resumption, key
         row = JobRow(
             new_id("job", now), _name(lineage.chain_of(rows, before)), before.part_id, before.cell, before.recipe_toml, before.material,
             now, person.name, plan_sha256=before.plan_sha256, layers=before.layers, continues_job=before.id, resume_point=point,
+            material_sha256=before.material_sha256, cell_sha256=service.cell.sha256,
         )  # fmt: skip
         answer = document(service, jobs.add(rows, row), rows).model_dump()
         idempotency.remember(rows, person.name, key, digest, answer, now)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,11 @@ from cellctl.planning.task import (
     Task,
 )
 from cellctl.planning.track import track_beside
-from cellctl.store import Store, blobs, jobs, lineage, made, parts
+from cellctl.store import Store, blobs, jobs, lineage, made, parts, versions
 from cellctl.store.jobs import JobRow
 from cellctl.store.made import Made
 from cellctl.store.parts import PartRow
-from config import Cell
+from config import Cell, ConfigError, load_material
 from planner.recipe import parse_recipe
 
 J = JobState
@@ -70,6 +71,7 @@ class JobWork:
             job,
             J.PROVING,
             program_sha256=posted.sha256,
+            cell_sha256=self.cell.sha256,
             lines_total=int(posted.summary.get("lines", 0)),
             duration_s=float(posted.summary.get("duration_s", 0.0)),
             resumption=posted.summary.get("resumption"),
@@ -125,6 +127,24 @@ class JobWork:
         await asyncio.to_thread(remember)
         return fresh
 
+    def _material(self, job: JobRow) -> dict[str, str]:
+        """The version of its material that the job is made with: {} where it is the one that comes with the software.
+
+        Raises ConfigError, NotFoundError.
+        """
+        if not job.material_sha256:
+            return {}
+        with suppress(ConfigError):
+            if load_material(job.material).sha256 == job.material_sha256:
+                return {}
+        with self.store.read() as connection:
+            row = versions.material(connection, job.material, sha256=job.material_sha256)
+        return {"material": job.material, "material_toml": row.toml}
+
+    def _pin(self, job: JobRow) -> str:
+        """Hash of the job's own version of its material, empty for the shipped one."""
+        return job.material_sha256 if self._material(job) else ""
+
     def _task(self, part: PartRow, folder: Path, kind: Any, **fields: Any) -> Task:
         mesh = self.store.blobs.part(part.sha256, part.suffix)
         return Task(
@@ -141,11 +161,11 @@ class JobWork:
 
     async def _plan(self, job: JobRow, part: PartRow, report: Report) -> Made:
         stock, stock_sha256 = await asyncio.to_thread(self._stock, job)
-        key = keys.plan_key(part.sha256, part.units, part.name, job.recipe_toml, stock_sha256)
+        key = keys.plan_key(part.sha256, part.units, part.name, job.recipe_toml, stock_sha256, await asyncio.to_thread(self._pin, job))
 
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
-                task = self._task(part, folder, "plan", recipe_toml=job.recipe_toml, stock=stock)
+                task = self._task(part, folder, "plan", recipe_toml=job.recipe_toml, stock=stock, **self._material(job))
                 self.drawings[job.id] = folder / VIEW_FOLDER
                 try:
                     summary = await self.workers.run(task, report)
@@ -158,11 +178,12 @@ class JobWork:
     async def _post(self, job: JobRow, part: PartRow, planned: Made, report: Report) -> Made:
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
-                task = self._task(part, folder, "post", plan=str(self.store.blobs.plan(planned.sha256)))
+                task = self._task(part, folder, "post", plan=str(self.store.blobs.plan(planned.sha256)), **self._material(job))
                 summary = await self.workers.run(task, report)
                 return await asyncio.to_thread(self._keep_program, folder / PROGRAM_FOLDER, summary)
 
-        return await self._make("program", keys.program_key(planned.sha256, self.cell), self.store.blobs.program, make)
+        key = keys.program_key(planned.sha256, self.cell, await asyncio.to_thread(self._pin, job))
+        return await self._make("program", key, self.store.blobs.program, make)
 
     def _before(self, job: JobRow) -> list[JobRow]:
         with self.store.read() as connection:
@@ -185,10 +206,11 @@ class JobWork:
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
                 files = {"program": str(self.store.blobs.program(program)), "plan": str(self.store.blobs.plan(plan))}
-                summary = await self.workers.run(self._task(part, folder, "resume", point=point, **files), report)
+                summary = await self.workers.run(self._task(part, folder, "resume", point=point, **files, **self._material(job)), report)
                 return await asyncio.to_thread(self._keep_program, folder / PROGRAM_FOLDER, summary)
 
-        return await self._make("program", keys.resumption_key(program, plan, self.cell, point), self.store.blobs.program, make)
+        key = keys.resumption_key(program, plan, self.cell, point, await asyncio.to_thread(self._pin, job))
+        return await self._make("program", key, self.store.blobs.program, make)
 
     async def _prove(self, job: JobRow, part: PartRow, posted: Made, report: Report) -> Made:
         stock, stock_sha256 = await asyncio.to_thread(self._stock, job)
@@ -198,12 +220,13 @@ class JobWork:
             with self.store.blobs.staging() as folder:
                 program = str(self.store.blobs.program(posted.sha256))
                 checkpoints = str(self.store.blobs.checkpoints)
-                task = self._task(part, folder, "prove", program=program, stock=stock, checkpoints=checkpoints, links=links)
+                files = {"program": program, "stock": stock, "checkpoints": checkpoints}
+                task = self._task(part, folder, "prove", links=links, **files, **self._material(job))
                 document = await self.workers.run(task, report)
                 return await asyncio.to_thread(self._keep_proof, folder, document)
 
         told = [f"{Path(link.program).name} {link.line} {link.fraction!r}" for link in links]
-        key = keys.proof_key(posted.sha256, part.sha256, part.units, self.cell, stock_sha256, told)
+        key = keys.proof_key(posted.sha256, part.sha256, part.units, self.cell, stock_sha256, told, await asyncio.to_thread(self._pin, job))
         return await self._make("proof", key, self.store.blobs.proof, make)
 
     def _keep_plan(self, folder: Path, summary: dict[str, Any]) -> Made:

@@ -34,23 +34,36 @@ def _key(*inputs: str) -> str:
     return hashlib.sha256(json.dumps([software(), *inputs]).encode()).hexdigest()
 
 
-def plan_key(part_sha256: str, units: str, part_name: str, recipe_toml: str, stock_sha256: str) -> str:
-    """Key of a plan."""
-    return _key("plan", part_sha256, units, part_name, recipe_toml, stock_sha256)
+def _own(material_sha256: str) -> list[str]:
+    """What a version of a material that is not the shipped one adds to a key; the shipped ones are part of the software."""
+    return [f"material {material_sha256}"] if material_sha256 else []
 
 
-def program_key(plan_sha256: str, cell: Cell) -> str:
+def plan_key(part_sha256: str, units: str, part_name: str, recipe_toml: str, stock_sha256: str, material_sha256: str = "") -> str:
+    """Key of a plan. material_sha256 : here and below, of a version other than the shipped one"""
+    return _key("plan", part_sha256, units, part_name, recipe_toml, stock_sha256, *_own(material_sha256))
+
+
+def program_key(plan_sha256: str, cell: Cell, material_sha256: str = "") -> str:
     """Key of a program."""
-    return _key("program", plan_sha256, cell.sha256)
+    return _key("program", plan_sha256, cell.sha256, *_own(material_sha256))
 
 
-def resumption_key(program_sha256: str, plan_sha256: str, cell: Cell, point: Mapping[str, Any]) -> str:
+def resumption_key(program_sha256: str, plan_sha256: str, cell: Cell, point: Mapping[str, Any], material_sha256: str = "") -> str:
     """Key of the rest of a program. point : from where"""
-    return _key("resume", program_sha256, plan_sha256, cell.sha256, json.dumps(dict(point), sort_keys=True))
+    told = json.dumps(dict(point), sort_keys=True)
+    return _key("resume", program_sha256, plan_sha256, cell.sha256, told, *_own(material_sha256))
 
 
 def proof_key(
-    program_sha256: str, part_sha256: str, units: str, cell: Cell, stock_sha256: str = "", links: Sequence[str] = ()
+    program_sha256: str,
+    part_sha256: str,
+    units: str,
+    cell: Cell,
+    stock_sha256: str = "",
+    links: Sequence[str] = (),
+    material_sha256: str = "",
 ) -> str:
     """Key of a proof. stock_sha256 : of the mesh that it is milled from, if one is given; links : what was run on the part before"""
-    return _key("proof", program_sha256, part_sha256, units, cell.sha256, cell.twin_sha256, stock_sha256, *links)
+    inputs = (program_sha256, part_sha256, units, cell.sha256, cell.twin_sha256, stock_sha256)
+    return _key("proof", *inputs, *links, *_own(material_sha256))

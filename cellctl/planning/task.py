@@ -22,6 +22,7 @@ class Task(msgspec.Struct, frozen=True):
 
     folder : where the result's files go; parent : process that waits for it, the worker ends with it
     mesh, units : the part's file; plan, program : files made before; cell : cell file; stock : mesh of the raw stock
+    material, material_toml : facts that this name stands for in this task, empty: what is shipped under it
     point : resume: {from, line, fraction, layer, operation, overlap_mm}; links : prove: what was run on the part before, in order
     store, job : record: whose; sealed_at : when it is sealed (Unix time, s), 0: it is only written, as it stands
     checkpoints : folder in which proofs keep their states at layers, so that an edited program is not proven from its begin
@@ -40,6 +41,8 @@ class Task(msgspec.Struct, frozen=True):
     program: str = ""
     cell: str = ""
     checkpoints: str = ""
+    material: str = ""
+    material_toml: str = ""
     point: dict[str, Any] = {}
     links: list[Link] = []
     store: str = ""

@@ -63,6 +63,16 @@ class Line:
             self.send(Progress(stage, min(max(float(fraction), 0.0), 1.0)))
 
 
+def use_material(task: Task) -> None:
+    """The task's own version of its material, written beside its results, is what the material's name stands for in this process."""
+    from config.base import prefer
+
+    if task.material_toml:
+        path = Path(task.folder) / "material.toml"
+        path.write_text(task.material_toml, encoding="utf-8")
+        prefer("materials", task.material, path)
+
+
 def stage_of(kind: str) -> Callable[[Task, Callable[[str, float], None]], dict[str, Any]]:
     """What carries out a task of this kind; loads no more than that needs."""
     if kind == "record":
@@ -77,6 +87,7 @@ def stage_of(kind: str) -> Callable[[Task, Callable[[str, float], None]], dict[s
 def work(task: Task, line: Line) -> None:
     """Carry the task out and report its end."""
     try:
+        use_material(task)
         line.send(Done(stage_of(task.kind)(task, line.progress)))
     except MemoryError:
         limit = f"{task.memory_bytes / 2**30:.1f} GiB"

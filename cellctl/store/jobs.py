@@ -28,6 +28,7 @@ class JobRow:
     timestamps : Unix time at which each state was entered
     table_clear : a person vouches for the table: it is clear, or, of a job that continues another, its part stands untouched
     confirmed_by, confirmed_client : who vouched for it last, or started it by hand, and at which client: the start acts for that one
+    material_sha256, cell_sha256 : versions of material and cell that it is made with; empty: of a job older than versions
     continues_job : whose part it goes on with; resume_point : from where, as asked for; resumption : figures of the generated program
     priority : 1 goes first, 9 last; rank : place among those of one priority; not_before : Unix time, s
     made_from, made_how : the job that it was made from by rerun, clone or retry; changes : [{field, from, to}] of a clone
@@ -72,6 +73,8 @@ class JobRow:
     changes: list[dict[str, Any]] | None = None
     cleared_at: float | None = None
     seq: int = 0
+    material_sha256: str = ""
+    cell_sha256: str = ""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,11 @@ from typing import Any
 import httpx
 import pytest
 from sqlalchemy import insert
+from starlette.types import Message
 
 from cellctl.api import feed, mail
+from cellctl.api.live import EventStream
+from cellctl.domain.jobs import JobState
 from cellctl.domain.messages import Event
 from cellctl.domain.snapshot import Snapshot
 from cellctl.store import jobs, parts
@@ -97,7 +100,7 @@ def add_jobs(web: Any, count: int) -> list[str]:
     with web.service.store.write() as rows:
         parts.add(rows, PartRow("part-1", "b", ".stl", "mm", "f" * 64, 1, 1.0, "me", Inspection("m" * 64, [[0.0] * 3] * 2, 12, 1.0, [])))
         for number in range(count):
-            rows_job = JobRow(f"job-{number}", "b", "part-1", "cell", "", "316L", 1.0, "me", state=jobs.JobState.WAITING_FOR_APPROVAL)
+            rows_job = JobRow(f"job-{number}", "b", "part-1", "cell", "", "316L", 1.0, "me", state=JobState.WAITING_FOR_APPROVAL)
             jobs.add(rows, rows_job)
     return [f"job-{number}" for number in range(count)]
 
@@ -178,12 +181,10 @@ async def test_reader_that_takes_nothing_is_given_up_without_harm_to_others(web:
         await asyncio.sleep(WAIT_S)
         return {"type": "http.disconnect"}
 
-    async def never(message: dict[str, Any]) -> None:
+    async def never(message: Message) -> None:
         if message["type"] == "http.response.body":
             stuck.set()
             await asyncio.sleep(WAIT_S)
-
-    from cellctl.api.live import EventStream
 
     request = type("Asked", (), {"headers": {}, "cookies": {}, "client": None})()
     answer = EventStream(request, web.service, 0, 0, snapshots=True)

@@ -15,10 +15,12 @@ import httpx
 import numpy as np
 import pytest
 import trimesh
+from starlette.requests import ClientDisconnect
 
 from cellctl.api import incoming, uploads
 from cellctl.api.app import build_service, make_app
 from cellctl.api.incoming import Incoming
+from cellctl.store import uploads as store_uploads
 from tests.unit.cellctl.conftest import URL
 
 TUS = {"Tus-Resumable": "1.0.0"}
@@ -102,13 +104,12 @@ async def test_upload_goes_on_after_a_restart_of_the_service_from_what_was_count
 
 async def test_sender_that_goes_away_leaves_what_came_unless_a_checksum_covers_it(web: Any) -> None:
     place = (await announce(web.operator, BOX)).headers["location"]
-    row = uploads.uploads
     with web.service.store.read() as rows:
-        upload = row.get(rows, place.rpartition("/")[2])
+        upload = store_uploads.get(rows, place.rpartition("/")[2])
 
     async def torn() -> AsyncIterator[bytes]:
         yield BOX[:250]
-        raise incoming.ClientDisconnect
+        raise ClientDisconnect
 
     assert await incoming.receive(Incoming(web.service.store, upload, hashlib.sha256(BOX).digest()), torn()) == 0
     assert await incoming.receive(Incoming(web.service.store, upload, None), torn()) == 250
@@ -237,7 +238,7 @@ async def test_abandoned_uploads_expire_with_their_files(web: Any) -> None:
     assert uploads.sweep(web.service) == [place.rpartition("/")[2]]
     assert list(web.service.store.blobs.uploads.iterdir()) == []
     with web.service.store.read() as rows:
-        assert uploads.uploads.every_id(rows) == set()
+        assert store_uploads.every_id(rows) == set()
 
 
 async def test_large_file_is_written_in_pieces_of_bounded_size(web: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
