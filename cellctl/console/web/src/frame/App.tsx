@@ -51,7 +51,7 @@ function Content() {
         <View3d />
         <Trends />
       </div>
-      <div class="page" id="page" role="tabpanel" aria-labelledby={`tab-${page.value}`} tabIndex={-1}>
+      <div class="page" id="page" role="tabpanel" aria-labelledby={`tab-${page.value}`} tabIndex={0}>
         <Body />
       </div>
     </main>

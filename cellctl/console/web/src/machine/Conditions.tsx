@@ -75,8 +75,9 @@ function Group({ title, all, now, unmet }: GroupOf) {
 }
 
 /** What is at a switch is told as it is: door open, door closed. */
-function labelOf({ name }: Permissive, { io }: Snapshot): string {
+function labelOf({ name, ok }: Permissive, { io }: Snapshot): string {
   const level = LEVEL_OF[name];
+  if (name === "fault") return words.faultLevel[ok ? 0 : 1];
   const texts = level && words.interlock[level];
   if (texts) return texts[io[level] ? 0 : 1];
   if (name === "head" && io.connected) return words.head[io.head_deployed ? "deployed" : io.head_parked ? "parked" : "between"];
@@ -87,7 +88,7 @@ function Condition({ one, label, standing }: { one: Permissive; label: string; s
   const { name, level, why, age_s, stale_s } = one;
   const seconds = age_s + dataAge.value;
   const old = stale_s > 0 ? (age_s > NEVER_S ? say.never : age(seconds)) : "";
-  const isSaid = LEVEL_OF[name] || name === "head" || (name === "fault" && one.ok); // by its label
+  const isSaid = LEVEL_OF[name] || name === "head" || name === "fault"; // by its label
   const told = isSaid ? "" : words.cell.said(standing === "bad" && why ? why : level);
   return (
     <li class={`${standing} ${stale_s > 0 && seconds > stale_s ? "old" : ""}`} title={words.cell.said(why)}>

@@ -8,13 +8,13 @@ import { Process } from "./Process";
 export function Machine() {
   return (
     <div class={`machine ${isStale.value ? "is-stale" : ""}`}>
+      <Conditions />
       <div class="columns">
         <Axes />
         <Cnc />
       </div>
       <LineCounts />
       <Process />
-      <Conditions />
     </div>
   );
 }

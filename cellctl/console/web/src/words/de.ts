@@ -218,6 +218,7 @@ export const words: typeof english = {
     gas_pressure_ok: ["Gasdruck", "Gasdruck zu niedrig"],
     fume_extraction_ok: ["Absaugung an", "Absaugung aus"],
   },
+  faultLevel: ["Keine Störung", "Störung steht an"],
   head: { deployed: "Kopf ausgefahren", parked: "Kopf geparkt", between: "Kopf dazwischen" },
   ok: "erfüllt",
   notOk: "nicht erfüllt",

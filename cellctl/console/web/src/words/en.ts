@@ -215,6 +215,7 @@ export const words = {
     gas_pressure_ok: ["Gas pressure", "Gas pressure low"],
     fume_extraction_ok: ["Extraction on", "Extraction off"],
   } as Record<string, readonly [string, string]>,
+  faultLevel: ["No fault", "Fault latched"] as readonly [string, string],
   head: { deployed: "Head deployed", parked: "Head parked", between: "Head between" },
   ok: "met",
   notOk: "not met",
