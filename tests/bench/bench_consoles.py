@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import time
 from pathlib import Path
 
@@ -60,7 +61,7 @@ async def listen(place: Served, consoles: int, pids: dict[str, int]) -> tuple[di
 
 def _row(consoles: int, found: tuple[dict[str, float], list[list[float]], float]) -> list[str | int | float]:
     shares, times, kb_s = found
-    gaps = sorted(after - before for one in times for before, after in zip(one, one[1:], strict=False))
+    gaps = sorted(after - before for one in times for before, after in itertools.pairwise(one))
     late = sum(gap > LATE_S for gap in gaps)
     rate = sum(len(one) for one in times) / max(consoles, 1) / SECONDS
     p99 = 1000 * gaps[int(0.99 * len(gaps))] if gaps else 0.0

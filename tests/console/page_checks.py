@@ -22,9 +22,12 @@ SMALL = """([least, exempt]) => [...document.querySelectorAll('button, a[href], 
   .map((one) => [one, (one.matches('[type=checkbox], [type=radio]') && one.closest('label')) || one])
   .map(([one, target]) => [one, target.getBoundingClientRect()])
   .filter(([, box]) => box.width > 0 && (box.width < least - 0.5 || box.height < least - 0.5))
-  .map(([one, box]) => `${one.tagName} ${one.className} "${(one.textContent || one.name || '').trim().slice(0, 30)}" ${box.width.toFixed(0)} x ${box.height.toFixed(0)}`)"""
+  .map(([one, box]) => [one.tagName, one.className, `"${(one.textContent || one.name || '').trim().slice(0, 30)}"`,
+    box.width.toFixed(0), 'x', box.height.toFixed(0)].join(' '))"""
 
-CUT_OFF = """() => [...document.querySelectorAll('.state-word, .remaining b, .stale-mark, .rail button span, .controls .control, .footer .small, .control-bar .control, .reset-button')]
+KEY_ELEMENTS = ".state-word, .remaining b, .stale-mark, .rail button span, .controls .control, .footer .small, .control-bar .control, .reset-button"
+
+CUT_OFF = """(names) => [...document.querySelectorAll(names)]
   .filter((one) => one.checkVisibility() && (one.scrollWidth > one.clientWidth + 1 && getComputedStyle(one).display !== 'inline'
     || one.getBoundingClientRect().right > innerWidth + 1 || one.parentElement.scrollWidth > one.parentElement.clientWidth + 1))
   .map((one) => `${one.className} "${one.textContent}" ${one.scrollWidth} > ${one.clientWidth}`)"""
@@ -41,7 +44,8 @@ STOP_COVERED = """() => {
 }"""
 
 AXE_RUN = """async ([tags, rules]) => {
-  const found = await axe.run(document, { resultTypes: ['violations'], runOnly: rules.length ? { type: 'rule', values: rules } : { type: 'tag', values: tags } });
+  const runOnly = rules.length ? { type: 'rule', values: rules } : { type: 'tag', values: tags };
+  const found = await axe.run(document, { resultTypes: ['violations'], runOnly });
   return found.violations.flatMap(({ id, nodes }) => nodes.map(({ html, any, all, none }) =>
     `${id}: ${html.slice(0, 160)} (${[...any, ...all, ...none].map(({ message }) => message).join('; ').slice(0, 240)})`));
 }"""
@@ -59,7 +63,7 @@ def faults_of_form(page: Page) -> list[str]:
     """Everything that is too small, cut off, sideways, or over STOP."""
     asked: tuple[tuple[str, str, Any], ...] = (
         ("too small", SMALL, [TOUCH_PX, NOT_AT_THE_MACHINE]),
-        ("cut off", CUT_OFF, None),
+        ("cut off", CUT_OFF, KEY_ELEMENTS),
         ("sideways", SIDEWAYS, None),
         ("over STOP", STOP_COVERED, None),
     )

@@ -12,6 +12,7 @@ import trimesh
 from playwright.sync_api import Browser, Page, expect
 
 from tests.console.conftest import Heard
+from tests.console.page_checks import STATE_CAPS_MM, caps_mm, faults_of_form
 from tests.console.running_cell import RunningCell
 
 pytestmark = pytest.mark.timeout(1200)
@@ -83,6 +84,8 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     page.get_by_role("tab", name="Machine").click()
     expect(page.locator(".laser-on")).to_be_visible()
     expect(page.locator(".executed").first).not_to_have_attribute("width", "0")
+    assert caps_mm(page, ".remaining b") >= STATE_CAPS_MM
+    assert not faults_of_form(page)
     picture(page, "running")
 
     page.get_by_role("button", name="HOLD").click()
@@ -98,6 +101,7 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     expect(alarm).to_contain_text("Remedy: close the door, reset")
     expect(page.locator(".conditions").get_by_text("Door open")).to_be_visible()
     assert cell.sim("state")["laser"]["emission_w"] == 0.0
+    assert not faults_of_form(page)
     picture(page, "alarm")
 
     page.get_by_role("button", name="RESET").click()
@@ -190,6 +194,7 @@ def test_page_that_hears_nothing_shows_the_age_of_its_data_and_takes_only_stop(p
         for name in ("HOLD", "RESUME", "ABORT"):
             expect(page.get_by_role("button", name=name)).to_be_disabled()
         expect(page.locator("#stop-button")).to_be_enabled()
+        assert not faults_of_form(page)
         picture(page, "stale")
     finally:
         cell.thaw("cellctl.cell")

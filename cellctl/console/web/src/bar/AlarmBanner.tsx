@@ -14,7 +14,7 @@ export function AlarmBanner() {
   const now = snapshot.value;
   if (!now || (now.alarms.length === 0 && !isLatched.value)) return null;
   return (
-    <section class="alarms" role="alert" aria-label={say.region}>
+    <section class="alarm-banner" role="alert" aria-label={say.region}>
       <Sign name="fault" />
       <div class="alarm-words">
         {now.alarms.length === 0 && <Words cause={say.stopped} remedy={say.stoppedRemedy} since="" />}

@@ -1,4 +1,5 @@
 // The page: the bar, the alarms, the rail of pages, and the opened page beside the plan and its trends, or alone.
+import { useErrorBoundary } from "preact/hooks";
 import { AlarmBanner } from "../bar/AlarmBanner";
 import { Bar } from "../bar/Bar";
 import { Alarms } from "../alarms/Alarms";
@@ -44,7 +45,6 @@ export function App() {
 
 /** The view stays in the page where it is not shown: it keeps what it has loaded. */
 function Content() {
-  const Body = BODIES[page.value];
   return (
     <main class={isWide.value ? "content wide" : "content"}>
       <div class="left" hidden={isWide.value}>
@@ -52,8 +52,23 @@ function Content() {
         <Trends />
       </div>
       <div class="page" id="page" role="tabpanel" aria-labelledby={`tab-${page.value}`} tabIndex={0}>
-        <Body />
+        <PageBody key={page.value} />
       </div>
     </main>
+  );
+}
+
+/** A page that fails says so and leaves the bar, the rail and the other pages as they are. */
+function PageBody() {
+  const [error, tryAgain] = useErrorBoundary((found) => console.error(found));
+  const Body = BODIES[page.value];
+  if (!error) return <Body />;
+  return (
+    <p class="problem" role="alert">
+      <b>{words.frame.pageFailed}</b> {String(error)}{" "}
+      <button type="button" class="control" onClick={tryAgain}>
+        {words.frame.again}
+      </button>
+    </p>
   );
 }

@@ -47,7 +47,7 @@ function Menu() {
         </button>
       </div>
       <h3>{say.keys}</h3>
-      <dl class="keys">
+      <dl class="key-list">
         {SHORTCUTS.map(({ key, name }) => (
           <div key={key}>
             <dt>

@@ -148,6 +148,8 @@ export const words: typeof english = {
     close: "Schließen",
     keys: "Tasten",
     keyNames: { stop: "STOP: Laser, Pulver und Bewegung sofort aus", hold: "Auftrag anhalten (HALT)", pages: "Seite öffnen", menu: "Dieses Menü", close: "Offenes schließen" },
+    pageFailed: "Diese Seite kann nicht gezeigt werden.",
+    again: "Noch einmal",
     letterKeys: "Auch Ziffern und ? sind Tasten",
   },
 

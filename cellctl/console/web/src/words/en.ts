@@ -146,6 +146,8 @@ export const words = {
     close: "Close",
     keys: "Keys",
     keyNames: { stop: "STOP: laser, powder and motion off at once", hold: "HOLD the job", pages: "Open a page", menu: "This menu", close: "Close what is open" },
+    pageFailed: "This page cannot be shown.",
+    again: "Try again",
     letterKeys: "Digits and ? are keys too",
   },
 
