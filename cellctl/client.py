@@ -1,4 +1,24 @@
-"""A small typed client of the REST interface: `with Client(url, token) as client: client.submit(part_id, recipe_toml=...)`."""
+"""A small typed client of the REST interface: parts, uploads, jobs, materials, the cell and its events.
+
+Documents are dicts with the fields that /openapi.json describes. Every call raises ServiceError: `message` says what is wrong, `hint`
+what to do, `type` names the kind for programs. A file above LARGE_BYTES is sent in pieces and goes on where it broke off, also in
+another process and after a restart of the service.
+
+    from cellctl.client import Client, ServiceError
+
+    with Client(url, token) as client:
+        part = client.upload(path, units="mm", progress=lambda done, total: print(f"{done} of {total} bytes"))
+        steel = client.material("316L")
+        try:
+            job = client.submit(part["id"], recipe={"material": steel["name"]}, name="one block")
+        except ServiceError as error:
+            raise SystemExit(f"{error.message}; {error.hint}")
+        for message in client.events(place="0-0"):
+            if message.kind == "job" and message.document["job"]["id"] == job["id"]:
+                print(message.document["job"]["state"])
+                break
+        client.cancel(job["id"], because="only an example")
+"""
 
 from __future__ import annotations
 
@@ -7,14 +27,18 @@ import json
 import re
 import secrets
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
 
+from cellctl.client_events import LiveMessage, read_stream
+from cellctl.client_upload import in_pieces
+
 TIMEOUT_S = 30.0
+LARGE_BYTES = 16 << 20  # a file above it is sent in pieces
 UPLOAD_TIMEOUT_S = 600.0
 
 Document = dict[str, Any]
@@ -24,14 +48,19 @@ NO_NAME = re.compile(r"[^A-Za-z0-9._@-]")
 class ServiceError(Exception):
     """The service refused or does not answer. `message`, `hint` : one line each; status : of HTTP, 0 without an answer
 
+    type : kind of the problem (RFC 9457), empty without one; errors : field by field
     exit_code : 2 if what was asked is at fault, 1 otherwise
     """
 
-    def __init__(self, message: str, hint: str = "", status: int = 0) -> None:
+    def __init__(
+        self, message: str, hint: str = "", status: int = 0, kind: str = "", errors: list[dict[str, str]] | None = None
+    ) -> None:
         super().__init__(message)
         self.message = message
         self.hint = hint
         self.status = status
+        self.type = kind
+        self.errors = errors or []
         self.exit_code = 2 if status in (400, 404, 413, 422) else 1
 
 
@@ -71,9 +100,14 @@ class Client:
                 f"{self.url}: the service does not answer: {why}",
                 "start it with `cellctl serve`, or name it with --url",
             ) from None
+        self.check(answer)
+        return answer
+
+    @staticmethod
+    def check(answer: httpx.Response) -> None:
+        """Raise the ServiceError that an answer tells of, if it does."""
         if answer.is_error:
             raise _refusal(answer)
-        return answer
 
     def get(self, path: str, **params: Any) -> Document:
         """A document under /api/v1."""
@@ -85,8 +119,10 @@ class Client:
         headers = {"Idempotency-Key": key} if key else {}
         return dict(self.request("POST", f"/api/v1/{path}", json=document, headers=headers).json())
 
-    def upload(self, path: Path, units: str = "mm") -> Document:
-        """Upload a mesh; the Part. Sent again after a lost answer it is the same one."""
+    def upload(self, path: Path, units: str = "mm", progress: Callable[[int, int], None] | None = None) -> Document:
+        """Upload a mesh; the Part. Sent again after a lost answer it is the same one. progress : told (bytes sent, bytes)"""
+        if path.stat().st_size > LARGE_BYTES:
+            return in_pieces(self, path, units, progress or (lambda _done, _total: None))
         with path.open("rb") as file:
             answer = self.request(
                 "POST",
@@ -97,6 +133,57 @@ class Client:
                 timeout=UPLOAD_TIMEOUT_S,
             )
         return dict(answer.json())
+
+    def every(self, path: str, **params: Any) -> Iterator[Document]:
+        """All items of a list under /api/v1, newest first, page by page."""
+        cursor: str | None = None
+        while True:
+            page = self.get(path, cursor=cursor, limit=100, **params)
+            yield from page["items"]
+            cursor = page["next"]
+            if cursor is None:
+                return
+
+    def parts(self, text: str | None = None) -> Iterator[Document]:
+        """All Parts, newest first; text : in their name."""
+        return self.every("parts", text=text)
+
+    def part(self, part_id: str) -> Document:
+        """One Part."""
+        return self.get(f"parts/{part_id}")
+
+    def materials(self) -> list[Document]:
+        """The newest version of every material."""
+        return list(self.get("materials")["items"])
+
+    def material(self, name: str, version: int | None = None) -> Document:
+        """A material: its newest version, or that one."""
+        return self.get(f"materials/{name}" if version is None else f"materials/{name}/versions/{version}")
+
+    def change_material(self, seen: Document, facts: Document, because: str) -> Document:
+        """The next version of a material that was read (`seen`). Raises ServiceError 412 if somebody else changed it since."""
+        headers = {"If-Match": f'"{seen["sha256"]}-{seen["version"]}"'}
+        body = {"facts": facts, "because": because}
+        return dict(self.request("PUT", f"/api/v1/materials/{seen['name']}", json=body, headers=headers).json())
+
+    def cells(self) -> list[Document]:
+        """The cell files that services on this store ran."""
+        return list(self.get("cells")["items"])
+
+    def uploads(self) -> list[Document]:
+        """One's own uploads that came in pieces."""
+        return list(self.get("uploads")["items"])
+
+    def past_events(self, job_id: str | None = None) -> Iterator[Document]:
+        """What happened at the cell, newest first."""
+        return self.every("cell/events", job=job_id)
+
+    def events(self, place: str = "", snapshots: bool = False) -> Iterator[LiveMessage]:
+        """What happens, for ever; comes back by itself and misses nothing.
+
+        place : of the last message seen (`LiveMessage.place`), "0-0" for all that ever was; empty: from now on
+        """
+        return read_stream(self._http, place, snapshots, self.check)
 
     def submit(
         self,
@@ -119,13 +206,7 @@ class Client:
 
     def jobs(self, state: str | None = None) -> Iterator[Document]:
         """All jobs, newest first, page by page."""
-        cursor: str | None = None
-        while True:
-            page = self.get("jobs", cursor=cursor, limit=100, state=state)
-            yield from page["items"]
-            cursor = page["next"]
-            if cursor is None:
-                return
+        return self.every("jobs", state=state)
 
     def approve(
         self,
@@ -214,7 +295,11 @@ def _refusal(answer: httpx.Response) -> ServiceError:
     try:
         problem = answer.json()
         return ServiceError(
-            str(problem["detail"] or problem["title"]), str(problem.get("hint", "")), answer.status_code
+            str(problem["detail"] or problem["title"]),
+            str(problem.get("hint", "")),
+            answer.status_code,
+            str(problem.get("type", "")),
+            problem.get("errors"),
         )
     except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError):
         return ServiceError(

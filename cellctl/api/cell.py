@@ -15,7 +15,7 @@ from cellctl.api.cell_link import CellAbsentError
 from cellctl.api.context import Service, software_version
 from cellctl.api.feed import event_document
 from cellctl.api.models import About, CellCommand, CommandAnswer, ControlAsked, EventItem, Events
-from cellctl.api.parts import Cursor, Limit
+from cellctl.api.parts import Cursor, Limit, Since, Until
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.runs import StartRefusedError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
@@ -78,11 +78,14 @@ def list_events(
     cursor: Cursor = None,
     limit: Limit = 50,
     job: Annotated[str | None, Query(max_length=60)] = None,
+    kind: Annotated[str | None, Query(max_length=60)] = None,
+    since: Since = None,
+    until: Until = None,
 ) -> Events:
-    """Events, newest first."""
+    """Events, newest first; those that all given filters let through."""
     before = seq_of(cursor) if cursor is not None else None
     with service.store.read() as rows:
-        found = history.events_before(rows, before, limit + 1, job)
+        found = history.events_before(rows, before, limit + 1, job, kind, since, until)
     items = [EventItem.model_validate(event_document(event)) for event in found[:limit]]
     return Events(items=items, next=cursor_of(items[-1].seq) if len(found) > limit else None)
 

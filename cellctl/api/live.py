@@ -114,7 +114,7 @@ def place_of(last_event_id: str | None) -> tuple[int | None, int | None]:
 
 def as_sent_event(one: Mail) -> bytes:
     """A message in the form of text/event-stream. Snapshots have no id: they are not replayed."""
-    place = f"id: {one.place}\n" if one.kind in ("event", "job") else ""
+    place = f"id: {one.place}\n" if one.kind != "snapshot" else ""
     return f"{place}event: {one.kind}\ndata: {one.text}\n\n".encode()
 
 
@@ -139,9 +139,8 @@ class EventStream(Response):
         await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
         with service.feed.viewer() as viewer:
             postman = await asyncio.to_thread(started, service, viewer, seq, change, request)
-            body = f"retry: {RETRY_MS}\n\n".encode()
             try:
-                await _sent(send, body)
+                await _sent(send, f"retry: {RETRY_MS}\nid: {postman.place}\n\n".encode())
                 async for one in postman.mail():
                     if snapshots or one.kind != "snapshot":
                         await _sent(send, as_sent_event(one))
@@ -166,7 +165,7 @@ async def _until_left(receive: Receive) -> None:
 @router.get(
     "/api/v1/events/stream",
     status_code=200,
-    response_class=EventStream,
+    response_class=Response,
     operation_id="stream_events",
     responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}, "description": "Messages until the reader leaves"}},
 )

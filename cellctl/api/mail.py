@@ -68,6 +68,11 @@ class Postman:
         self._is_let_in = is_let_in
         self._checked = time.monotonic()
 
+    @property
+    def place(self) -> str:
+        """What is known so far, to go on from."""
+        return f"{self._seq}-{self._change}"
+
     async def mail(self) -> AsyncIterator[Mail]:
         """All messages, for ever. Raises Ended."""
         viewer = self._viewer

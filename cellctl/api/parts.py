@@ -25,6 +25,9 @@ from cellctl.store.parts import Inspection, PartRow
 SUFFIXES = (".stl", ".3mf", ".obj", ".ply")
 NAME_MAX = 100
 Cursor = Annotated[str | None, Query(max_length=200, description="what `next` of the page before said")]
+Text = Annotated[str | None, Query(max_length=200, description="in the name, upper or lower case")]
+Since = Annotated[float | None, Query(ge=0, le=1e11, allow_inf_nan=False, description="not before this time, Unix s")]
+Until = Annotated[float | None, Query(ge=0, le=1e11, allow_inf_nan=False, description="before this time, Unix s")]
 Limit = Annotated[int, Query(ge=1, le=200)]
 router = APIRouter(prefix="/api/v1/parts", tags=["parts"], responses=DOCUMENTED)
 
@@ -141,10 +144,19 @@ async def upload(
 
 
 @router.get("")
-def list_parts(_person: Viewer, service: ServiceOf, cursor: Cursor = None, limit: Limit = 50) -> Parts:
-    """Parts, newest first."""
+def list_parts(
+    _person: Viewer,
+    service: ServiceOf,
+    cursor: Cursor = None,
+    limit: Limit = 50,
+    text: Text = None,
+    by: Annotated[str | None, Query(max_length=100, description="who uploaded it")] = None,
+    since: Since = None,
+    until: Until = None,
+) -> Parts:
+    """Parts, newest first; those that all given filters let through."""
     with service.store.read() as rows:
-        found, following = parts.find_page(rows, cursor, limit)
+        found, following = parts.find_page(rows, cursor, limit, text=text, by=by, since=since, until=until)
     return Parts(items=[document(row) for row in found], next=following)
 
 

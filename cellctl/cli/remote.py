@@ -60,7 +60,8 @@ def submit(
     existing_file(part, "mesh file")
     recipe_toml = existing_file(recipe, "recipe").read_text(encoding="utf-8", errors="replace") if recipe else None
     with connect(url, run) as client:
-        uploaded = client.upload(part, checked_units(units))
+        with output.progress(quiet=json) as report:
+            uploaded = client.upload(part, checked_units(units), lambda done, total: report(f"sending {part.name}", done / total))
         if not json:
             low, high = uploaded["bbox_mm"]
             size = " × ".join(f"{b - a:.4g}" for a, b in zip(low, high, strict=True))

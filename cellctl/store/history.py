@@ -53,13 +53,27 @@ def events_after(connection: Connection, seq: int, limit: int = 500) -> list[Eve
     return [_event(row) for row in rows]
 
 
-def events_before(connection: Connection, seq: int | None, limit: int, job: str | None = None) -> list[Event]:
-    """The newest events (older than number `seq`), newest first."""
+def events_before(
+    connection: Connection,
+    seq: int | None,
+    limit: int,
+    job: str | None = None,
+    kind: str | None = None,
+    since: float | None = None,
+    until: float | None = None,
+) -> list[Event]:
+    """The newest events (older than number `seq`), newest first. since, until : Unix s"""
     query = select(events).order_by(events.c.seq.desc()).limit(limit)
     if seq is not None:
         query = query.where(events.c.seq < seq)
     if job is not None:
         query = query.where(events.c.job == job)
+    if kind is not None:
+        query = query.where(events.c.kind == kind)
+    if since is not None:
+        query = query.where(events.c.at >= since)
+    if until is not None:
+        query = query.where(events.c.at < until)
     return [_event(row) for row in connection.execute(query).mappings()]
 
 

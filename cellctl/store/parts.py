@@ -93,7 +93,24 @@ def get(connection: Connection, part_id: str) -> PartRow:
     return _row(row)
 
 
-def find_page(connection: Connection, cursor: str | None, limit: int) -> tuple[list[PartRow], str | None]:
-    """Newest first. Raises CursorError."""
-    rows, following = page(connection, parts, select(parts), cursor, limit)
+def find_page(
+    connection: Connection,
+    cursor: str | None,
+    limit: int,
+    text: str | None = None,
+    by: str | None = None,
+    since: float | None = None,
+    until: float | None = None,
+) -> tuple[list[PartRow], str | None]:
+    """Newest first. text : in the name; by : who uploaded it; since, until : Unix s. Raises CursorError."""
+    query = select(parts)
+    if text:
+        query = query.where(parts.c.name.icontains(text, autoescape=True))
+    if by is not None:
+        query = query.where(parts.c.created_by == by)
+    if since is not None:
+        query = query.where(parts.c.created_at >= since)
+    if until is not None:
+        query = query.where(parts.c.created_at < until)
+    rows, following = page(connection, parts, query, cursor, limit)
     return [_row(row) for row in rows], following

@@ -155,7 +155,8 @@ async def test_cell_is_shown_with_its_versions_and_changed_only_by_its_file(web:
     other, wrong = (tomli_w.dumps({**facts, "limits": {**facts.get("limits", {}), "tick_s": tick_s}}) for tick_s in (0.02, -1.0))
     differences = (await web.viewer.post(f"/api/v1/cells/{name}/check", json={"toml": other})).json()["differences"]
     assert differences == [{"field": "limits.tick_s", "unit": "s", "running": 0.01, "given": 0.02}]
-    assert "limits.tick_s: -1.0 s is out of bounds" in assert_problem(await web.viewer.post(f"/api/v1/cells/{name}/check", json={"toml": wrong}), 422)["detail"]
+    answer = await web.viewer.post(f"/api/v1/cells/{name}/check", json={"toml": wrong})
+    assert "limits.tick_s: -1.0 s is out of bounds" in assert_problem(answer, 422)["detail"]
     service = build_service(web.service.settings)
     service.store.close()
     again = (await web.viewer.get(f"/api/v1/cells/{name}")).json()
