@@ -12,7 +12,7 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import Connection
 
 from cellctl.api.context import Service
-from cellctl.api.jobs import document, recipe_from
+from cellctl.api.jobs import document, pins_of, recipe_from
 from cellctl.api.models import Job, NewJob
 from cellctl.api.models_jobs import Again, Change, Clone, CloneShown, JobEdit, Life, Step
 from cellctl.api.parts import IdempotencyKey
@@ -110,6 +110,7 @@ async def _submitted(service: Service, answer: dict[str, Any], is_new: bool) -> 
 def _like(job: JobRow, person: Person, now: float, how: str, **fields: Any) -> JobRow:
     """A fresh job of the same part, recipe and priority."""
     values = {"recipe_toml": job.recipe_toml, "material": job.material, "name": job.name, "tags": job.tags} | fields
+    values = {"material_sha256": job.material_sha256, "cell_sha256": job.cell_sha256} | values  # the same versions, unless it is changed
     return JobRow(
         id=new_id("job", now), part_id=job.part_id, cell=job.cell, created_at=now, created_by=person.name, priority=job.priority,
         made_from=job.id, made_how=how, **values,
@@ -146,6 +147,7 @@ async def clone(person: Operator, service: ServiceOf, job_id: str, body: Clone, 
         told = [{"field": one.field, "before": one.before, "after": one.after} for one in changes]
         tags = job.tags if body.tags is None else body.tags
         fields = {"recipe_toml": tomli_w.dumps(recipe), "material": recipe["material"], "changes": told, "tags": tags}
+        fields |= pins_of(service, rows, recipe["material"])
         return jobs.add(rows, _like(job, person, now, "clone", name=one_line(body.name or job.name), **fields))
 
     return await _submitted(service, *await asyncio.to_thread(_make, service, person, "clone", job_id, body, idempotency_key, make))
