@@ -36,6 +36,7 @@ from cellctl.api import (
     trends,
     uploads,
     users,
+    webhooks,
 )
 from cellctl.api.cell_link import CellLink
 from cellctl.api.conditional import Conditional
@@ -46,6 +47,7 @@ from cellctl.api.page import Page
 from cellctl.api.runs import Runs
 from cellctl.api.security import BodyLimit, Guard
 from cellctl.api.trend_keeper import TrendKeeper
+from cellctl.api.webhook_delivery import Deliveries
 from cellctl.domain.messages import Event
 from cellctl.domain.snapshot import Snapshot
 from cellctl.planning.jobwork import JobWork
@@ -73,6 +75,7 @@ ROUTES = (
     trends,
     record,
     consumables,
+    webhooks,
     hand,
     cell,
     facts,
@@ -126,7 +129,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         service.store.blobs.clear_staging()
         keeper = TrendKeeper(service.store)
         own = (service.link.run(), service.queue.run(), service.runs.run(), service.presence.run(service.store))
-        running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run())
+        running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), Deliveries(service.store).run())
         tasks = [asyncio.create_task(task) for task in running]
         service.turnstile.warm()
         try:

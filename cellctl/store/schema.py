@@ -346,3 +346,22 @@ records = Table(
     Column("at", REAL, nullable=False),
     Column("samples", BigInt, nullable=False),
 )
+
+webhooks = Table(
+    "webhooks",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    Column("url", Text, nullable=False),
+    Column("topics", Text, nullable=False),
+    Column("secret", Text, nullable=False),
+    Column("created_at", REAL, nullable=False),
+    Column("created_by", Text, nullable=False),
+    Column("step_seq", BigInt, nullable=False, server_default="0"),
+    Column("event_seq", BigInt, nullable=False, server_default="0"),
+    Column("delivered_at", REAL),
+    Column("failing_since", REAL),
+    Column("failures", Integer, nullable=False, server_default="0"),
+    Column("next_at", REAL, nullable=False, server_default="0"),
+    Column("last_error", Text, nullable=False, server_default=""),
+    Column("paused", Text, nullable=False, server_default=""),
+)
