@@ -69,8 +69,8 @@ ROUTES = (
     job_threads,
     queues,
     resumption,
+    drawings,  # before results, whose /program/{name} would take its paths
     results,
-    drawings,
     alarms,
     trends,
     record,

@@ -110,6 +110,7 @@ export interface JobView {
   elapsed_s: number;
   remaining_s: number;
   outcome: string;
+  arc_mm: number;
 }
 
 export interface TickView {
@@ -343,18 +344,6 @@ export interface Plan {
   volumes: Record<string, number>;
 }
 
-export interface PassView {
-  link: boolean;
-  laser_w: number;
-  feed_mm_s: number;
-  points: number[];
-}
-
-export interface LayerView extends LayerPlace {
-  overhang: number[][]; // closed outlines of what rests on nothing
-  operations: { index: number; process: string; note: string; passes: PassView[] }[];
-}
-
 export interface ProofFinding {
   kind: string;
   text: string;
@@ -381,12 +370,47 @@ export interface Tool {
   kind: string;
   diameter_mm: number;
   holder_diameter_mm: number;
-  flute_length_mm?: number | null;
+  flute_length_mm: number;
+  corner_radius_mm: number;
+  shank_diameter_mm: number | null;
+  stickout_mm: number | null;
+  tip_mm: Vector;
+  nozzle: { standoff_mm: number; end_diameter_mm: number; cone_length_mm: number; body_length_mm: number };
+}
+
+export interface Joint {
+  axis: string;
+  direction: Vector;
+  point_mm: Vector;
+}
+
+/** A body of the machine, machine frame at all joints zero. carrier: what moves it */
+export interface Solid {
+  name: string;
+  carrier: string;
+  shape: "box" | "cylinder" | "cone" | "stl";
+  at_mm: Vector;
+  size_mm: Vector | null;
+  diameter_mm: number | null;
+  end_diameter_mm: number | null;
+  length_mm: number | null;
+  axis: Vector;
+  turn_deg: Vector;
+}
+
+export interface MachineFacts {
+  solids: Solid[];
+  parked_offset_mm: Vector;
+  clamps: { count: number; width_mm: number; overlap_mm: number; outside_mm: number; above_mm: number };
 }
 
 export interface CellFacts {
   axes: { letter: string; kind: "linear" | "rotary"; min: number; max: number; max_velocity: number }[];
   tools: Tool[];
+  kinematics: { table: Joint[]; head: Joint[] };
+  placement: { part_origin_mm: Vector; rotation_deg: number; pivots_mm: Record<string, Vector> };
+  plate: { size_mm: Vector; top_mm: Vector };
+  machine: MachineFacts | null;
 }
 
 export type LiveMessage =

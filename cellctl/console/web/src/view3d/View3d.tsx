@@ -1,164 +1,217 @@
-// The 3-D view with its layer slider.
+// The 3-D view: the drawing, what is laid over it, and the bars by which one goes through layers and time.
 import { computed, effect, signal, untracked } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import type { PlanLayer } from "../api/types";
 import { isStale, snapshot } from "../state/cell";
 import { shown } from "../state/jobs";
-import { facts, operations, plan } from "../state/plan";
+import { facts, plan } from "../state/plan";
 import { theme } from "../state/theme";
 import { words } from "../words";
+import { drawing, drawn, flat, loaded, reading } from "./drawing";
+import { FindingsList, Pins, placePins } from "./Findings";
+import { FlatView } from "./flat_view";
+import { LayerBar } from "./LayerBar";
+import { Legend } from "./Legend";
 import { PlanView } from "./plan_view";
-import type { ViewName } from "./stage";
+import { Reading } from "./Reading";
+import { ScrubBar, ScrubCard } from "./ScrubBar";
+import { standOfMoment, standOfSnapshot } from "./stand";
+import {
+  followFindings,
+  layer,
+  layerByHand,
+  layerCount,
+  moment,
+  onCell,
+  quantity,
+  scrubTime,
+  shownMode,
+  track,
+  withBelow,
+  withMachine,
+  withMetal,
+  withPart,
+} from "./state";
+import { ViewHead } from "./ViewHead";
 
 const say = words.view;
-const isFollowing = signal(true);
-const byHand = signal(0);
-const withBelow = signal(true);
-const withPart = signal(true);
-const hasGl = signal(true);
+const ORBIT_STEP = Math.PI / 24;
+const ZOOM_STEP = 1.15;
 
-const count = computed(() => plan.value?.plan.layers.length ?? 0);
-const onCell = computed(() => {
-  const job = snapshot.value?.job;
-  return job && job.id === plan.value?.job && !job.outcome ? job : null;
-});
-const place = computed(() => (onCell.value ? operations.value[onCell.value.operation] : undefined));
-const liveLayer = computed(() => (onCell.value ? (place.value?.layer ?? onCell.value.layer) : -1));
-const layer = computed(() => {
-  const wanted = isFollowing.value && liveLayer.value >= 0 ? liveLayer.value : byHand.value;
-  return Math.min(Math.max(0, wanted), Math.max(0, count.value - 1));
-});
+/** Hash of the shown job's program. */
+const program = computed(() => (shown.value && shown.value.id === plan.value?.job ? (shown.value.program_sha256 ?? "") : ""));
+const isBuilt = computed(() => shown.value?.state === "completed" && shown.value.id === plan.value?.job);
+
+/** The moment that is shown: of the program's time, or of the line that the cell executes. */
+function momentNow(view: PlanView) {
+  const lines = view.track;
+  if (!lines) return null;
+  if (shownMode.value === "scrub") return lines.atTime(scrubTime.value);
+  const now = snapshot.value;
+  if (!now || !onCell.value) return null;
+  const line = now.lines.executing > 0 ? now.lines.executing - 1 : now.lines.executed - 1;
+  return line < 0 ? null : lines.atLine(line, now.tip);
+}
+
+function show(view: PlanView): void {
+  const now = snapshot.value;
+  const isLayer = shownMode.value === "layer";
+  const found = isLayer && !onCell.value ? null : momentNow(view);
+  if (!isLayer) moment.value = found ?? (shownMode.value === "scrub" ? moment.peek() : null);
+  const at = isLayer ? (onCell.value ? found : null) : moment.peek();
+  const live = onCell.value && now && shownMode.value !== "scrub" ? standOfSnapshot(now) : null;
+  const scrubbed =
+    shownMode.value === "scrub" && at && view.track ? standOfMoment(at, view.track.index.axes, view.tipAt(at), view.holdingAt(at)) : null;
+  view.show({
+    layer: layer.value,
+    moment: at,
+    isExecuted: isLayer && isBuilt.value,
+    stand: scrubbed ?? live,
+    quantity: quantity.value,
+    below: withBelow.value,
+    part: withPart.value,
+    metal: withMetal.value,
+    machine: withMachine.value,
+  });
+}
 
 function connect(host: HTMLElement): () => void {
   let view: PlanView;
   try {
-    view = new PlanView(host);
+    view = new PlanView(host, () => told(host, view), () => loaded.value++);
   } catch (error) {
     console.warn(error);
-    hasGl.value = false;
-    return () => undefined;
+    return connectFlat(host);
   }
-  active = view;
-  let isFirstPaint = true;
+  drawing.value = view;
+  const painted = signal(false);
   const ends = [
+    effect(() => view.setFacts(facts.value)),
     effect(() => {
-      const current = plan.value;
-      view.setPlan(current);
+      view.setPlan(plan.value);
       untracked(() => {
-        byHand.value = Math.max(0, (current?.plan.layers.length ?? 1) - 1);
-        view.setLayer(layer.value, withBelow.value);
+        layerByHand.value = Math.max(0, layerCount.value - 1);
+        moment.value = null;
+        track.value = null;
       });
     }),
-    effect(() => view.setLayer(layer.value, withBelow.value)),
-    effect(() => view.showPart(withPart.value)),
+    effect(() => {
+      void plan.value;
+      view.setProgram(program.value);
+    }),
+    effect(() => {
+      void loaded.value;
+      track.value = view.track?.index ?? null;
+    }),
+    effect(() => {
+      void loaded.value;
+      show(view);
+    }),
     effect(() => {
       void theme.value;
-      if (isFirstPaint) isFirstPaint = false;
-      else untracked(() => view.paint());
+      if (painted.peek()) untracked(() => view.paint());
+      painted.value = true;
     }),
-    effect(() => {
-      void layer.value;
-      view.follow(snapshot.value, place.value, facts.value?.tools ?? []);
-    }),
+    followFindings(),
   ];
   return () => {
     for (const end of ends) end();
+    drawing.value = null;
     view.dispose();
-    active = null;
   };
 }
 
-let active: PlanView | null = null;
+/** Without WebGL: the layer flat, as it is. */
+function connectFlat(host: HTMLElement): () => void {
+  const view = new FlatView(host);
+  flat.value = view;
+  const ends = [
+    effect(() => {
+      view.setPlan(plan.value);
+      untracked(() => (layerByHand.value = Math.max(0, layerCount.value - 1)));
+    }),
+    effect(() => {
+      void theme.value;
+      view.show(layer.value, quantity.value, onCell.value && snapshot.value ? snapshot.value.tip : null);
+    }),
+    followFindings(),
+  ];
+  return () => {
+    for (const end of ends) end();
+    flat.value = null;
+    view.dispose();
+  };
+}
+
+/** What the drawing costs is written on its element, for whoever looks after it. */
+function told(host: HTMLElement, view: PlanView): void {
+  const { calls, triangles, lines, bytes, frames, frameMs, longestMs, layers, isReady } = view.costs;
+  Object.assign(host.dataset, { calls, triangles, lines, bytes, frames, layers });
+  host.dataset.frameMs = frameMs.toFixed(2);
+  host.dataset.longestMs = longestMs.toFixed(2);
+  host.dataset.ready = String(isReady);
+  placePins(view);
+  drawn.value++;
+}
+
+function onKey(event: KeyboardEvent): void {
+  const view = drawing.peek();
+  if (!view || event.ctrlKey || event.metaKey || event.altKey) return;
+  const turns: Record<string, [number, number, number]> = {
+    ArrowLeft: [-ORBIT_STEP, 0, 1],
+    ArrowRight: [ORBIT_STEP, 0, 1],
+    ArrowUp: [0, ORBIT_STEP, 1],
+    ArrowDown: [0, -ORBIT_STEP, 1],
+    "+": [0, 0, ZOOM_STEP],
+    "=": [0, 0, ZOOM_STEP],
+    "-": [0, 0, 1 / ZOOM_STEP],
+  };
+  const turn = turns[event.key];
+  if (!turn) return;
+  event.preventDefault();
+  view.stage.orbit(...turn);
+}
+
+function onPoint(event: PointerEvent): void {
+  const view = drawing.peek();
+  if (!view || (event.type === "pointermove" && event.buttons)) return;
+  const box = view.stage.canvas.getBoundingClientRect();
+  reading.value = { x: event.clientX - box.left, y: event.clientY - box.top };
+}
 
 export function View3d() {
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => (host.current ? connect(host.current) : undefined), []);
   return (
     <section class="view panel" aria-label={say.region}>
-      <div class={isStale.value && onCell.value ? "stage is-stale" : "stage"} ref={host} />
-      <Overlay />
+      <div class={shownMode.value === "scrub" ? "view-space is-scrubbing" : "view-space"}>
+        <div
+          class={isStale.value && onCell.value && shownMode.value === "live" ? "stage is-stale" : "stage"}
+          ref={host}
+          tabIndex={0}
+          role="application"
+          aria-label={say.stage}
+          onKeyDown={onKey}
+          onPointerMove={onPoint}
+          onClick={onPoint as unknown as (event: MouseEvent) => void}
+          onPointerLeave={() => (reading.value = null)}
+        />
+        <Pins />
+        <ViewHead />
+        <Empty />
+        <ScrubCard />
+        {plan.value && <Legend />}
+        <FindingsList />
+        <Reading />
+      </div>
       <LayerBar />
+      <ScrubBar />
     </section>
   );
 }
 
-function Overlay() {
+function Empty() {
   const job = shown.value;
-  const empty = !hasGl.value ? say.noGl : !job ? say.nothing : !job.plan_sha256 ? say.notPlanned : plan.value ? "" : say.loading;
-  return (
-    <>
-      <div class="view-head">
-        <strong class="view-name">{job?.name ?? ""}</strong>
-        <div class="view-tools" role="group">
-          {(["fit", "top", "side"] as ViewName[]).map((name) => (
-            <button type="button" class="small" key={name} onClick={() => active?.look(name, plan.value?.plan.layers[layer.value]?.bottom?.slice(3))}>
-              {say[name as "fit" | "top" | "side"]}
-            </button>
-          ))}
-          <Toggle on={withPart} label={say.part} aria={say.partAria} />
-          <Toggle on={withBelow} label={say.below} aria={say.belowAria} />
-        </div>
-      </div>
-      {empty && <p class="view-empty">{empty}</p>}
-      {plan.value && <Legend />}
-    </>
-  );
-}
-
-function Toggle({ on, label, aria }: { on: { value: boolean }; label: string; aria: string }) {
-  return (
-    <button type="button" class="small" aria-pressed={on.value} aria-label={aria} onClick={() => (on.value = !on.value)}>
-      {label}
-    </button>
-  );
-}
-
-function Legend() {
-  return (
-    <ul class="legend" aria-label={say.legend}>
-      {Object.entries(say.processes).map(([name, label]) => (
-        <li key={name}>
-          <i class={`swatch ${name}`} />
-          {label}
-        </li>
-      ))}
-      {onCell.value && <li class="muted">{say.done}</li>}
-    </ul>
-  );
-}
-
-/** Height of a level layer; tilt and thickness of another one; the piece where there are several. */
-function placeOf(facts: PlanLayer): string {
-  const pieces = plan.value?.plan.subcomponents ?? [];
-  const name = pieces.length > 1 ? pieces[facts.subcomponent]?.name : undefined;
-  const [least = 0, greatest = 0] = facts.thickness_mm ?? [];
-  const where = facts.tilt_deg > 0 ? say.tilted(facts.tilt_deg, least, greatest) : say.height(facts.z_top);
-  return [where, name && say.piece(name), facts.overhang_mm2 > 0 && say.overhang(facts.overhang_mm2)].filter(Boolean).join(" · ");
-}
-
-function LayerBar() {
-  if (count.value === 0) return null;
-  const facts = plan.value?.plan.layers[layer.value];
-  const canFollow = liveLayer.value >= 0;
-  const move = (event: Event) => {
-    isFollowing.value = false;
-    byHand.value = Number((event.currentTarget as HTMLInputElement).value);
-  };
-  return (
-    <div class="layer-bar">
-      <label for="layer">{say.layer}</label>
-      <input id="layer" type="range" min={0} max={count.value - 1} step={1} value={layer.value} onInput={move} />
-      <output for="layer">{say.layerOf(layer.value + 1, count.value, facts ? placeOf(facts) : "")}</output>
-      <button
-        type="button"
-        class="small"
-        aria-label={say.followAria}
-        aria-pressed={isFollowing.value && canFollow}
-        disabled={!canFollow}
-        onClick={() => (isFollowing.value = true)}
-      >
-        {say.follow}
-      </button>
-    </div>
-  );
+  const empty = !job ? say.nothing : !job.plan_sha256 ? say.notPlanned : plan.value ? "" : say.loading;
+  if (empty) return <p class="view-empty">{empty}</p>;
+  return flat.value ? <p class="view-flat">{say.noGl}</p> : null;
 }

@@ -1,12 +1,16 @@
-// The finished part, translucent, where the plan puts it.
-import { Matrix4, Mesh, MeshStandardMaterial, Scene } from "three";
+// The finished part where the plan puts it: translucent as what it shall become, or smooth metal up to where it is milled.
+import { DoubleSide, Matrix4, Mesh, MeshStandardMaterial, Plane, type Scene, Vector3 } from "three";
 import { getBytes } from "../api/http";
 import { colour } from "../state/theme";
+import { metal } from "./metal";
 import { geometryOf } from "./stl";
 
 export class Ghost {
   private mesh: Mesh | null = null;
-  private readonly material = new MeshStandardMaterial({ transparent: true, opacity: 0.16, depthWrite: false, roughness: 0.9 });
+  private wall: Mesh | null = null;
+  private readonly material = new MeshStandardMaterial({ transparent: true, opacity: 0.13, depthWrite: false, roughness: 0.9 });
+  private readonly top = new Plane(new Vector3(0, 0, -1), 0);
+  private readonly milled = metal({ colour: "#dfe6ec" });
   private aborter = new AbortController();
   private isWanted = true;
 
@@ -14,6 +18,8 @@ export class Ghost {
     private readonly scene: Scene,
     private readonly changed: () => void,
   ) {
+    this.milled.clippingPlanes = [this.top];
+    this.milled.side = DoubleSide;
     this.paint();
   }
 
@@ -24,7 +30,12 @@ export class Ghost {
   show(is: boolean): void {
     this.isWanted = is;
     if (this.mesh) this.mesh.visible = is;
-    this.changed();
+  }
+
+  /** The part's own surface up to a height, mm, as metal; null: none of it. */
+  showMilled(height: number | null): void {
+    if (height !== null) this.top.constant = height;
+    if (this.wall) this.wall.visible = height !== null;
   }
 
   /** Load a part; buildFromPart: (4, 4), row by row. A mesh that cannot be read is left out: the passes are the plan. */
@@ -34,12 +45,13 @@ export class Ghost {
     try {
       const geometry = geometryOf(await getBytes(`/parts/${part}/mesh`, signal));
       if (signal.aborted) return geometry.dispose();
-      const mesh = new Mesh(geometry, this.material);
-      mesh.applyMatrix4(new Matrix4().fromArray(buildFromPart.flat()).transpose());
-      mesh.visible = this.isWanted;
-      mesh.renderOrder = 2;
-      this.mesh = mesh;
-      this.scene.add(mesh);
+      geometry.applyMatrix4(new Matrix4().fromArray(buildFromPart.flat()).transpose());
+      this.mesh = new Mesh(geometry, this.material);
+      this.mesh.visible = this.isWanted;
+      this.mesh.renderOrder = 2;
+      this.wall = new Mesh(geometry, this.milled);
+      this.wall.visible = false;
+      this.scene.add(this.mesh, this.wall);
       this.changed();
     } catch (error) {
       if (!signal.aborted) console.warn(error);
@@ -49,13 +61,15 @@ export class Ghost {
   clear(): void {
     this.aborter.abort();
     this.aborter = new AbortController();
-    this.mesh?.removeFromParent();
     this.mesh?.geometry.dispose();
-    this.mesh = null;
+    this.mesh?.removeFromParent();
+    this.wall?.removeFromParent();
+    this.mesh = this.wall = null;
   }
 
   dispose(): void {
     this.clear();
     this.material.dispose();
+    this.milled.dispose();
   }
 }

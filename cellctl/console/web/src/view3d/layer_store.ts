@@ -1,102 +1,123 @@
-// Layers as they are needed: the one that is looked at first, then those below it, within a budget; the rest is let go.
+// Layers in full as they are needed: the one that is looked at and its neighbours, within a budget; the farthest are let go.
 import { Group } from "three";
-import { get } from "../api/http";
-import type { LayerView } from "../api/types";
-import { LayerLines } from "./layer_lines";
-import { segmentsOf } from "./segments";
+import { table, VIRIDIS } from "./colours";
+import { Layer } from "./layer";
+import type { Loader } from "./loader";
+import { metal } from "./metal";
+import type { Colouring } from "./path_material";
+import type { Track } from "./track";
 
-const SEGMENTS_MAX = 600_000; // about 30 MB on the graphics card
-const BELOW_MAX = 120; // layers shown under the one that is looked at
+export const BYTES_MAX = 48e6; // of layers in full, on the graphics card
+const AHEAD = 2; // layers fetched before they are asked for
 
 export class LayerStore {
   readonly group = new Group();
-  private readonly layers = new Map<number, LayerLines>();
-  private aborter = new AbortController();
-  private job = "";
+  private readonly layers = new Map<number, Layer>();
+  private readonly asked = new Map<number, AbortController>();
+  private readonly failed = new Set<number>();
+  private readonly material = metal({ byCorner: true });
+  private readonly scale = table(VIRIDIS);
   private focus = 0;
-  private withBelow = true;
+  private root = "";
+  private of = "";
+  private count = 0;
+  private firsts: number[] = [];
 
-  constructor(private readonly changed: () => void) {}
+  constructor(
+    private readonly loader: Loader,
+    private readonly colouring: Colouring,
+    private readonly changed: () => void,
+  ) {}
 
-  /** Show another plan, or none. */
-  setJob(job: string): void {
+  /** Show another plan, or none. firsts: number over the plan of each layer's first operation */
+  setPlan(root: string, of: string, firsts: number[]): void {
     this.clear();
-    this.job = job;
+    this.root = root;
+    this.of = of;
+    this.firsts = firsts;
+    this.count = firsts.length;
   }
 
-  /** Look at a layer: load it and, if wanted, those below. */
-  look(layer: number, withBelow: boolean): void {
-    this.focus = layer;
-    this.withBelow = withBelow;
-    this.aborter.abort();
-    this.aborter = new AbortController();
-    this.arrange();
-    if (this.job) void this.load(this.aborter.signal);
-  }
-
-  at(layer: number): LayerLines | undefined {
-    return this.layers.get(layer);
-  }
-
-  /** Draw everything anew, for instance in other colours. */
-  reload(): void {
-    const job = this.job;
-    this.clear();
-    this.job = job;
-    this.look(this.focus, this.withBelow);
-  }
-
-  get segmentCount(): number {
-    let count = 0;
-    for (const layer of this.layers.values()) count += layer.count;
-    return count;
-  }
-
-  clear(): void {
-    this.aborter.abort();
-    for (const layer of this.layers.values()) layer.dispose();
-    this.layers.clear();
-    this.job = "";
-    this.changed();
-  }
-
-  private *wanted(): Generator<number> {
-    yield this.focus;
-    if (!this.withBelow) return;
-    for (let n = this.focus - 1; n >= Math.max(0, this.focus - BELOW_MAX); n--) yield n;
-  }
-
-  private async load(signal: AbortSignal): Promise<void> {
-    for (const n of this.wanted()) {
-      if (this.layers.has(n)) continue;
-      if (n !== this.focus && this.segmentCount > SEGMENTS_MAX) return;
-      let view: LayerView;
-      try {
-        view = await get<LayerView>(`/jobs/${this.job}/plan/layers/${n}`, signal);
-      } catch {
-        if (signal.aborted) return;
-        continue; // a layer that cannot be read is left out; looking at it again asks again
-      }
-      if (signal.aborted) return;
-      const lines = new LayerLines(segmentsOf(view));
-      this.layers.set(n, lines);
-      this.group.add(lines.group);
-      this.arrange();
+  /** The layer, if it is here; it is asked for, and then its neighbours. */
+  look(n: number): Layer | undefined {
+    if (n !== this.focus) {
+      this.focus = n;
+      for (const [other, aborter] of this.asked) if (Math.abs(other - n) > AHEAD) aborter.abort();
     }
+    if (!this.root) return undefined;
+    const here = this.layers.get(n);
+    if (!here) this.ask(n);
+    else for (let d = 1; d <= AHEAD; d++) for (const near of [n + d, n - d]) if (this.asked.size === 0) this.ask(near);
+    for (const [other, layer] of this.layers) layer.group.visible = other === n;
+    return here;
   }
 
-  /** Show what belongs to the view; let go of the farthest while the budget is exceeded. */
-  private arrange(): void {
-    for (const [n, lines] of this.layers) {
-      lines.group.visible = n === this.focus || (this.withBelow && n < this.focus && n >= this.focus - BELOW_MAX);
-      lines.setLook(n === this.focus ? "plain" : "below");
-    }
+  /** Colours and times of a layer as they are now. */
+  dress(layer: Layer, track: Track | null): void {
+    if (track && this.colouring.quantity === "time") layer.setTimes(track.linesOf(layer.number), this.firsts[layer.number] ?? 0);
+    const { quantity, range, process } = this.colouring;
+    const shown = process.map((one) => {
+      const { r, g, b } = one.clone().convertLinearToSRGB();
+      return [r * 255, g * 255, b * 255] as [number, number, number];
+    });
+    layer.paintBeads(this.scale, shown, `${quantity} ${range} ${process[0]!.getHexString()}`);
+  }
+
+  get bytes(): number {
+    let bytes = 0;
+    for (const layer of this.layers.values()) bytes += layer.bytes;
+    return bytes;
+  }
+
+  get resident(): number {
+    return this.layers.size;
+  }
+
+  private ask(n: number): void {
+    if (n < 0 || n >= this.count || this.layers.has(n) || this.asked.has(n) || this.failed.has(n)) return;
+    const aborter = new AbortController();
+    this.asked.set(n, aborter);
+    this.loader.ask({ kind: "layer", url: `${this.root}/layers/${n}/geometry?of=${this.of}` }, aborter.signal).then(
+      (made) => {
+        this.asked.delete(n);
+        const layer = new Layer(n, made, this.colouring, this.material);
+        layer.group.visible = false;
+        this.layers.set(n, layer);
+        this.group.add(layer.group);
+        this.evict();
+        this.changed();
+      },
+      () => {
+        this.asked.delete(n);
+        if (!aborter.signal.aborted) this.failed.add(n); // it is asked for again with the next plan
+        this.changed();
+      },
+    );
+  }
+
+  private evict(): void {
+    let { bytes } = this;
     const farthest = [...this.layers.keys()].sort((a, b) => Math.abs(b - this.focus) - Math.abs(a - this.focus));
     for (const n of farthest) {
-      if (this.segmentCount <= SEGMENTS_MAX || n === this.focus) break;
+      if (bytes <= BYTES_MAX || n === this.focus) return;
+      bytes -= this.layers.get(n)?.bytes ?? 0;
       this.layers.get(n)?.dispose();
       this.layers.delete(n);
     }
+  }
+
+  clear(): void {
+    for (const aborter of this.asked.values()) aborter.abort();
+    this.asked.clear();
+    this.failed.clear();
+    for (const layer of this.layers.values()) layer.dispose();
+    this.layers.clear();
+    this.root = "";
     this.changed();
+  }
+
+  dispose(): void {
+    this.clear();
+    this.material.dispose();
   }
 }

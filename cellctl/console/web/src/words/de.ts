@@ -6,6 +6,7 @@ import { decimal } from "./format";
 import { goingOn } from "./going_on.de";
 import { hand } from "./hand.de";
 import { parts } from "./parts.de";
+import { view } from "./view.de";
 
 const process: Record<string, string> = {
   deposit_contour: "Kontur auftragen",
@@ -236,32 +237,7 @@ export const words: typeof english = {
     seconds: (s) => (s === 0 ? "jetzt" : `−${-s} s`),
   },
 
-  view: {
-    region: "Plan in drei Dimensionen",
-    nothing: "Auftrag wählen, um seinen Plan zu sehen",
-    loading: "Plan wird geladen …",
-    notPlanned: "Dieser Auftrag hat noch keinen Plan",
-    layer: "Schicht",
-    layerOf: (now, all, where) => `${now} von ${all}${where && `, ${where}`}`,
-    height: (z) => `Oberkante bei ${decimal(z, 2)} mm`,
-    tilted: (deg, least, greatest) =>
-      `geneigt ${decimal(deg, 1)}°${greatest > least ? `, ${decimal(least, 2)} bis ${decimal(greatest, 2)} mm dick` : ""}`,
-    piece: (name) => `Stück ${name}`,
-    overhang: (mm2) => `Überhang ${decimal(mm2, 1)} mm²`,
-    follow: "Folgen",
-    followAria: "Der Schicht folgen, an der gearbeitet wird",
-    fit: "Einpassen",
-    top: "Oben",
-    side: "Seite",
-    part: "Teil",
-    partAria: "Fertiges Teil zeigen",
-    below: "Darunter",
-    belowAria: "Schichten darunter zeigen",
-    legend: "Farben",
-    processes: { contour: "Kontur", fill: "Füllung", overhang: "Überhang", face: "Planfräsen", side: "Flankenfräsen", link: "Verbindung" },
-    done: "hell: ausgeführt",
-    noGl: "Dieser Browser kann nicht räumlich zeichnen. Alles andere geht.",
-  },
+  view,
 
   process,
   operation: (name) => process[name] ?? name,

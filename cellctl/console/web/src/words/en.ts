@@ -4,6 +4,7 @@ import { cell } from "./cell.en";
 import { goingOn } from "./going_on";
 import { hand } from "./hand.en";
 import { parts } from "./parts.en";
+import { view } from "./view.en";
 
 const process: Record<string, string> = {
   deposit_contour: "contour deposition",
@@ -233,32 +234,7 @@ export const words = {
     seconds: (s: number) => (s === 0 ? "now" : `−${-s} s`),
   },
 
-  view: {
-    region: "Plan in three dimensions",
-    nothing: "Choose a job to see its plan",
-    loading: "Loading the plan …",
-    notPlanned: "This job has no plan yet",
-    layer: "Layer",
-    layerOf: (now: number, all: number, where: string) => `${now} of ${all}${where && `, ${where}`}`,
-    height: (z: number) => `top at ${z.toFixed(2)} mm`,
-    tilted: (deg: number, least: number, greatest: number) =>
-      `tilted ${deg.toFixed(1)}°${greatest > least ? `, ${least.toFixed(2)} to ${greatest.toFixed(2)} mm thick` : ""}`,
-    piece: (name: string) => `piece ${name}`,
-    overhang: (mm2: number) => `overhang ${mm2.toFixed(1)} mm²`,
-    follow: "Follow",
-    followAria: "Follow the layer that is being worked on",
-    fit: "Fit",
-    top: "Top",
-    side: "Side",
-    part: "Part",
-    partAria: "Show the finished part",
-    below: "Below",
-    belowAria: "Show the layers below",
-    legend: "Colours",
-    processes: { contour: "contour", fill: "fill", overhang: "overhang", face: "facing", side: "side milling", link: "link" },
-    done: "bright: executed",
-    noGl: "This browser cannot draw in three dimensions. Everything else works.",
-  },
+  view,
 
   process,
   operation: (name: string) => process[name] ?? name,

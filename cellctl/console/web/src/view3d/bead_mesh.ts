@@ -1,0 +1,60 @@
+// Beads on the graphics card: drawn up to where the path is executed.
+import { BufferAttribute, BufferGeometry, Mesh, type MeshMatcapMaterial } from "three";
+import type { Beads } from "./beads";
+
+export class BeadMesh {
+  readonly mesh: Mesh<BufferGeometry, MeshMatcapMaterial>;
+  readonly bytes: number;
+
+  constructor(
+    private readonly beads: Beads,
+    material: MeshMatcapMaterial,
+  ) {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(beads.positions, 4));
+    geometry.setAttribute("normal", new BufferAttribute(beads.normals, 4, true));
+    geometry.setIndex(new BufferAttribute(beads.index, 1));
+    geometry.setDrawRange(0, 0);
+    this.mesh = new Mesh(geometry, material);
+    this.mesh.frustumCulled = false;
+    this.mesh.position.set(...beads.origin);
+    this.mesh.scale.setScalar(beads.step);
+    this.bytes = beads.bytes + (material.vertexColors ? 4 * beads.vertexOf.length : 0);
+  }
+
+  /** Draw the beads of the path's vertices from one to another (inclusive). */
+  show(first: number, last: number): void {
+    const { cut } = this.beads;
+    const end = last < 0 ? 0 : (cut[Math.min(Math.floor(last), cut.length - 1)] ?? 0);
+    const start = first <= 0 ? 0 : (cut[Math.min(first, cut.length - 1)] ?? 0);
+    this.mesh.geometry.setDrawRange(start, Math.max(0, end - start));
+    this.mesh.visible = end > start;
+  }
+
+  /** Colour every corner by the vertex of the path that it belongs to. rgba: (256, 4), of: the row for a vertex */
+  paint(rgb: (vertex: number) => [number, number, number]): void {
+    const { vertexOf } = this.beads;
+    const known = this.mesh.geometry.getAttribute("color") as BufferAttribute | undefined;
+    const colours = (known?.array as Uint8Array | undefined) ?? new Uint8Array(4 * vertexOf.length);
+    let before = -1;
+    let shown: [number, number, number] = [255, 255, 255];
+    for (let k = 0; k < vertexOf.length; k++) {
+      const vertex = vertexOf[k]!;
+      if (vertex !== before) {
+        before = vertex;
+        shown = rgb(vertex);
+      }
+      colours[4 * k] = shown[0];
+      colours[4 * k + 1] = shown[1];
+      colours[4 * k + 2] = shown[2];
+      colours[4 * k + 3] = 255;
+    }
+    if (known) known.needsUpdate = true;
+    else this.mesh.geometry.setAttribute("color", new BufferAttribute(colours, 4, true));
+  }
+
+  dispose(): void {
+    this.mesh.geometry.dispose();
+    this.mesh.removeFromParent();
+  }
+}
