@@ -39,8 +39,8 @@ export class Stage {
   /** before, after: called around every frame. Raises Error where the browser has no WebGL. */
   constructor(
     private readonly host: HTMLElement,
-    private readonly before: () => void,
-    private readonly after: () => void,
+    private readonly before: () => void = () => {},
+    private readonly after: () => void = () => {},
   ) {
     this.renderer = new WebGLRenderer({ antialias: true, powerPreference: "low-power" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, PIXELS_MAX));
