@@ -25,6 +25,9 @@ class ByHand(Facts):
     purge_with_door_open: bool = Field(False, description="whether powder and gas may flow by hand with the door open")
     pilot_with_door_open: bool = Field(False, description="whether the aiming beam may be on with the door open: its class decides")
     pilot_max_s: Positive = Field(120.0, le=3600.0, description="longest time for which the aiming beam stays on")
+    measured_max_mm: Positive = Field(5.0, description="farther from the cell file nothing that is measured by hand is adopted")
+    residual_max_mm: Positive = Field(0.05, description="touched points that agree less well are not adopted")
+    tilt_max_deg: Positive = Field(0.1, le=5.0, description="of the substrate: programs are posted for a level one")
     start_retry_s: NotNegative = Field(30.0, description="so long a start that was refused for a device that did not answer is tried again")
 
     @model_validator(mode="after")

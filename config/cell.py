@@ -227,6 +227,11 @@ class Simulation(Facts):
     powder_transport_s: NotNegative = Field(1.2, description="delay from feeder to nozzle")
     powder_settle_s: Positive = Field(0.6, description="time constant of the flow")
     laser_ramp_s: NotNegative = Field(0.002, description="time constant of the laser")
+    real_pivots_mm: dict[str, Vector3] = Field(
+        default_factory=dict, description="where the simulated machine's rotary axes really are, per letter, whatever the placement says"
+    )
+    real_plate_top_mm: Vector3 | None = Field(None, description="where the simulated plate's top really is; none: as `plate` says")
+    real_tips_mm: dict[int, Vector3] = Field(default_factory=dict, description="where a simulated tool's tip really is, per number")
     rx_bytes: int = Field(1024, ge=64)
     planner_blocks: int = Field(100, ge=4)
 

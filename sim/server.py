@@ -13,6 +13,7 @@ from typing import Any
 
 from config import Cell
 from sim.control import SOCKET_PATH_MAX, Answer, Control, Extra
+from sim.real_machine import really
 from sim.wires import WireError, Wires, load_devices, write_cell
 from sim.workshop import Workshop
 from sim.world import World
@@ -45,7 +46,7 @@ class SimServer:
         if not 0.01 <= time_scale <= TIME_SCALE_MAX:
             raise WireError(f"time scale {time_scale:g}", f"give 0.01 to {TIME_SCALE_MAX:g}")
         self.run_dir = Path(os.path.abspath(run_dir))
-        self.world = World(cell, load_devices(cell), time_scale=time_scale, faults=faults)
+        self.world = World(really(cell), load_devices(cell), time_scale=time_scale, faults=faults)
         self._given = cell
         self.cell = cell
         self.workshop = Workshop(self.world, stock_cell_mm)

@@ -24,6 +24,7 @@ from cellctl.api import (
     job_threads,
     jobs,
     live,
+    measured,
     parts,
     problems,
     queues,
@@ -54,6 +55,7 @@ from cellctl.planning.jobwork import JobWork
 from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
+from cellctl.planning.standing_cell import StandingCell
 from cellctl.store import open_store
 from cellctl.store.tokens import Role
 from config import load_cell
@@ -77,6 +79,7 @@ ROUTES = (
     consumables,
     webhooks,
     hand,
+    measured,
     cell,
     facts,
     users, tokens, audit_trail,
@@ -96,6 +99,7 @@ def build_service(settings: Settings) -> Service:
     served = load_cell(settings.cell_file)
     store = open_store(settings.store)
     facts.see_what_is_shipped(store, served, str(settings.cell_file))
+    standing = StandingCell(settings.cell_file, store)
     scratch = settings.store / "scratch"
     scratch.mkdir(exist_ok=True)
     workers = Workers(scratch, settings.worker_memory_bytes)
@@ -114,10 +118,11 @@ def build_service(settings: Settings) -> Service:
         runs.wake()
 
     link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, on_connect)
-    runs = Runs(store, link, feed.take_job, served.by_hand)
-    work = JobWork(store, workers, served, settings.cell_file)
+    runs = Runs(store, link, feed.take_job, standing.cell.by_hand)
+    work = JobWork(store, workers, standing.cell, standing.file)
     queue = PlanningQueue(store, work, feed.take_job, settings.planning_slots)
-    return Service(settings, served, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), Previews(settings.worker_memory_bytes))
+    previews = Previews(settings.worker_memory_bytes)
+    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews)
 
 
 def make_app(service: Service, bound_host: str, page: Page | None = None) -> FastAPI:

@@ -21,6 +21,7 @@ from cellctl.api.turnstile import Turnstile
 from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
+from cellctl.planning.standing_cell import StandingCell
 from cellctl.record.keeping import Keeping
 from cellctl.store import Store
 from config import Cell
@@ -49,7 +50,7 @@ class Service:
     """Everything that the routes use."""
 
     settings: Settings
-    cell: Cell
+    standing: StandingCell
     store: Store
     workers: Workers
     feed: Feed
@@ -67,6 +68,11 @@ class Service:
     receiving: Receiving = field(default_factory=Receiving)
     presence: Presence = field(default_factory=Presence)
     turnstile: Turnstile = field(default_factory=Turnstile)
+
+    @property
+    def cell(self) -> Cell:
+        """The cell as it stands: its file with what was measured at the machine."""
+        return self.standing.cell
 
     @property
     def stop_port(self) -> int:

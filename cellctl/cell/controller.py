@@ -18,6 +18,7 @@ from cellctl.cell.hearing import hear
 from cellctl.cell.homing_watch import HomingWatch
 from cellctl.cell.laser_hand import LaserHand
 from cellctl.cell.light_watch import LightWatch
+from cellctl.cell.measuring import standing
 from cellctl.cell.modes import Modes
 from cellctl.cell.pilot import Pilot
 from cellctl.cell.quiesce import Quiesce
@@ -68,10 +69,11 @@ class Controller:
     """One cell. `tick` never waits; whoever changes the state does it through the table (`go`)."""
 
     def __init__(self, cell: Cell, times: Times, journal: Journal) -> None:
-        self.cell = cell
+        self.filed = cell
         self.times = times
         self.journal = journal
         self.found: Found = journal.find()
+        self.cell = cell = standing(cell, self.found.measured.get(cell.name))
         self.tips = TipFinder(cell)
         self.state = S.OFFLINE
         self.because = "the cell process has started"

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
 from cellctl.cell.by_hand import ByHand
+from cellctl.cell.measuring import adopt
 from cellctl.cell.overriding import override
 from cellctl.domain.messages import Command
 from cellctl.domain.states import Trigger, after, is_reached
@@ -36,6 +37,7 @@ class HandCommands:
             "purge": self._purge,
             "purge_end": self._purge_end,
             "pilot": self._pilot,
+            "measured": self._measured,
         }
 
     async def _override(self, command: Command) -> dict[str, Any]:
@@ -86,3 +88,6 @@ class HandCommands:
         else:
             c.pilot.turn_off(command.because or "switched off")
         return {"state": c.state.value, "left_s": round(c.pilot.left_s, 1)}
+
+    async def _measured(self, command: Command) -> dict[str, Any]:
+        return await adopt(self._c, command)

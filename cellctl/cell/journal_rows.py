@@ -24,6 +24,9 @@ CREATE TABLE IF NOT EXISTS journal (
   shield_gas_setpoint_l_min REAL, shield_gas_readback_l_min REAL, tip_speed_mm_s REAL, planner_fill_percent REAL,
   rx_fill_percent REAL, tick_jitter_ms REAL, spindle_rpm REAL, feed_override_percent REAL, laser_override_percent REAL,
   powder_override_percent REAL, interlocks INTEGER);
+CREATE TABLE IF NOT EXISTS measured (
+  seq INTEGER PRIMARY KEY AUTOINCREMENT, cell TEXT NOT NULL, at REAL NOT NULL, who TEXT NOT NULL, because TEXT NOT NULL DEFAULT '',
+  what TEXT NOT NULL DEFAULT '', document TEXT NOT NULL, points TEXT NOT NULL DEFAULT '{}');
 CREATE TABLE IF NOT EXISTS cell_runs (
   job TEXT PRIMARY KEY, name TEXT, program TEXT, program_sha256 TEXT, started_at REAL, ended_at REAL, outcome TEXT,
   last_line INTEGER, total_lines INTEGER, who TEXT, command_id TEXT UNIQUE);
@@ -35,6 +38,7 @@ RUN = (
     "INSERT INTO cell_runs (job, name, program, program_sha256, started_at, ended_at, outcome, last_line, total_lines, who,"
     " command_id) VALUES (?,?,?,?,?,NULL,'',0,?,?,?)"
 )
+MEASURED = "INSERT INTO measured (cell, at, who, because, what, document, points) VALUES (?,?,?,?,?,?,?)"
 PROGRESS = "UPDATE cell_runs SET last_line = ? WHERE job = ?"
 END = "UPDATE cell_runs SET ended_at = ?, outcome = ?, last_line = ? WHERE job = ?"
 
@@ -106,6 +110,7 @@ class Found:
     alarms: list[tuple[str, str, str]] = field(default_factory=list)
     seen: dict[str, tuple[str, float]] = field(default_factory=dict)  # code -> who acknowledged it, and when (Unix, s)
     is_stopped: bool = False
+    measured: dict[str, str] = field(default_factory=dict)  # cell -> newest document of what was measured
     last: dict[str, dict[str, Any]] = field(default_factory=dict)  # kind -> data of the last event of it: who has control, the position
 
 
@@ -134,6 +139,7 @@ def find(db: sqlite3.Connection, box: BlackBox) -> Found:
         found.seen.update(dict.fromkeys(entry["codes"], (entry["who"], at)))
     last = db.execute("SELECT data FROM events WHERE kind = 'state' ORDER BY seq DESC LIMIT 1").fetchone()
     found.is_stopped = last is not None and json.loads(last[0])["state"] == "STOPPED"
+    found.measured = dict(db.execute("SELECT cell, document FROM measured ORDER BY seq"))
     for kind in ("control", "position"):
         row = db.execute("SELECT data FROM events WHERE kind = ? ORDER BY seq DESC LIMIT 1", (kind,)).fetchone()
         if row is not None:

@@ -32,6 +32,9 @@ def check_program(program: Program, cell: Cell, drivers: CellDrivers, held: dict
     if not program.lines:
         raise Refused("the program has no lines", "post the plan again")
     if program.cell_sha256 != cell.sha256:
+        if program.cell_name == cell.name:
+            line = f"the program was posted before the cell was changed or measured anew ({program.cell_sha256[:12]}, now {cell.sha256[:12]})"
+            raise Refused(line, "post it again: POST /api/v1/jobs/{id}/post_again, then approve its new proof")
         raise Refused(
             f"the program was posted for cell {program.cell_name} ({program.cell_sha256[:12]}), this is {cell.name} ({cell.sha256[:12]})",
             "post the plan again for this cell",

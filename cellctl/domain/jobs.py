@@ -45,6 +45,7 @@ class JobEvent(StrEnum):
     FAILED = "failed"
     CANCELLED = "cancelled"
     WORKER_LOST = "worker lost"
+    MEASURED_ANEW = "to be posted again"
 
 
 class WrongJobStateError(Exception):
@@ -84,6 +85,8 @@ TRANSITIONS: dict[tuple[JobState, JobEvent], JobState] = {
     **{(state, E.FAILED): J.FAILED for state in (*_WORKED_ON, J.SUBMITTED, J.PLANNED, J.PROVEN, J.QUEUED)},
     # A worker or the service that died in the middle starts that step again.
     **{(state, E.WORKER_LOST): J.SUBMITTED for state in _WORKED_ON},
+    # The machine was measured anew: posted, proven and approved again.
+    **{(state, E.MEASURED_ANEW): J.SUBMITTED for state in (J.WAITING_FOR_APPROVAL, J.QUEUED)},
 }
 
 STEPS: frozenset[tuple[JobState, JobState]] = frozenset((state, target) for (state, _), target in TRANSITIONS.items())

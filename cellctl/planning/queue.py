@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from cellctl.planning.task import Failed
 from cellctl.store import Store, jobs
 from cellctl.store.jobs import JobRow
 from cellctl.store.parts import NotFoundError
+from config import Cell
 
 J = JobState
 log = structlog.get_logger(__name__)
@@ -45,6 +46,10 @@ class PlanningQueue:
         self._wake = asyncio.Event()
         self._running: dict[str, asyncio.Task[None]] = {}
         self.progress: dict[str, StageProgress] = {}
+
+    def use_cell(self, cell: Cell, cell_file: Path) -> None:
+        """Post and prove for this cell from now on: it was measured anew."""
+        self._work = replace(self._work, cell=cell, cell_file=cell_file)
 
     def wake(self) -> None:
         """Look for submitted jobs now."""

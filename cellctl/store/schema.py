@@ -247,6 +247,21 @@ cell_versions = Table(
 )
 
 # Written by the cell process with plain SQL; read here.
+measured = Table(
+    "measured",
+    metadata,
+    Column("seq", Integer, primary_key=True, autoincrement=True),
+    Column("cell", Text, nullable=False),
+    Column("at", REAL, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("because", Text, nullable=False, server_default=""),
+    Column("what", Text, nullable=False, server_default=""),
+    Column("document", Text, nullable=False),
+    Column("points", Text, nullable=False, server_default="{}"),
+    Index("ix_measured_cell", "cell", "seq"),
+    sqlite_autoincrement=True,
+)
+
 events = Table(
     "events",
     metadata,

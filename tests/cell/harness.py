@@ -21,6 +21,7 @@ from cellctl.domain.states import State
 from config.cell import Cell, load_cell
 from config.device import Device, load_device
 from planner.program import Program
+from sim.real_machine import really
 from sim.world import World
 from tests.cell.jobs import one_wall
 from tests.cell.plant_wires import ManualClock, PlantWires
@@ -51,7 +52,7 @@ class CellUnderTest:
         self.facts = cell or shipped_cell()
         self.clock = ManualClock()
         devices: dict[str, Device] = {role: load_device(link.device) for role, link in self.facts.links.items()}
-        self.sim = World(self.facts, devices, time_scale=time_scale)
+        self.sim = World(really(self.facts), devices, time_scale=time_scale)
         self.sim.wire_interlocks()
         self.wires = PlantWires(self.facts, devices, self.sim, self.clock)
         self.time_scale = time_scale
