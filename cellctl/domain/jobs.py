@@ -94,6 +94,7 @@ STEPS: frozenset[tuple[JobState, JobState]] = frozenset((state, target) for (sta
 
 STEP_WORDS: dict[tuple[JobState, JobState], str] = {
     (J.SUBMITTED, J.PLANNING): "a planner worker took it",
+    **{(state, J.SUBMITTED): "the machine was measured anew: it is posted and proven again" for state in (J.WAITING_FOR_APPROVAL, J.QUEUED)},
     (J.PLANNING, J.PLANNED): "its plan is made",
     (J.PLANNED, J.POSTING): "its program is written for the cell",
     (J.SUBMITTED, J.POSTING): "the rest of its program is written for the part as it stands",
