@@ -117,7 +117,7 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     page.get_by_role("button", name="ABORT").click()
     page.get_by_role("button", name="Abort the job").click()
     state_is(page, "IDLE")
-    page.get_by_role("tab", name="Log").click()
+    page.get_by_role("tab", name="Trends").click()
     expect(page.locator(".log")).to_contain_text("closed the door")
     expect(page.locator(".log")).to_contain_text("aborted at the console")
 

@@ -22,6 +22,7 @@ import "./styles/view.css";
 import "./styles/hand.css";
 import "./styles/parts.css";
 import "./styles/alarms.css";
+import "./styles/trends.css";
 
 const RETRY_MS = 2000;
 

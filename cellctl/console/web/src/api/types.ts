@@ -58,6 +58,8 @@ export interface CncView {
   planner_free: number;
   rx_free: number;
   feed_override: number;
+  planner_fill_percent: number | null;
+  rx_fill_percent: number | null;
 }
 
 export interface OverridesView {
@@ -89,6 +91,62 @@ export interface Alarm {
   code: string;
   cause: string;
   remedy: string;
+  acknowledged_by: string;
+  acknowledged_at: number;
+}
+
+/** One alarm of an incident. line, layer: where the job was, counted from 0; null: not known. */
+export interface AlarmTold {
+  seq: number;
+  at: number;
+  code: string;
+  cause: string;
+  remedy: string;
+  line: number | null;
+  layer: number | null;
+  instead_of: string[];
+  acknowledged_by: string;
+  acknowledged_at: number | null;
+}
+
+/** What was latched between two resets; ended_at null: it is latched. */
+export interface Incident {
+  id: number;
+  at: number;
+  ended_at: number | null;
+  duration_s: number;
+  job: string;
+  job_name: string;
+  first: AlarmTold;
+  followed: AlarmTold[];
+  reset_by: string;
+  because: string;
+}
+
+/** Channels in buckets of time; samples 0: a gap. */
+export interface TrendsDocument {
+  from_at: number;
+  to_at: number;
+  step_s: number;
+  made_of_s: number;
+  at: number[];
+  samples: number[];
+  series: Record<string, { min: (number | null)[]; max: (number | null)[]; mean: (number | null)[] }>;
+}
+
+export interface TrendMark {
+  seq: number;
+  at: number;
+  kind: "alarm" | "hold" | "reset" | "acknowledge" | "job" | "layer";
+  text: string;
+  job: string;
+  code: string;
+  layer: number | null;
+}
+
+export interface TrendMarks {
+  items: TrendMark[];
+  more: boolean;
 }
 
 export interface Control {
@@ -119,6 +177,7 @@ export interface TickView {
   jitter_p99_ms: number;
   scheduler: string;
   longest_ms: number;
+  worst_ms: number;
 }
 
 export type Vector = [number, number, number];

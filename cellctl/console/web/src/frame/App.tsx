@@ -5,7 +5,6 @@ import { Bar } from "../bar/Bar";
 import { Alarms } from "../alarms/Alarms";
 import { Hand } from "../hand/Hand";
 import { Jobs } from "../jobs/Jobs";
-import { EventLog } from "../log/EventLog";
 import { Machine } from "../machine/Machine";
 import { Trends } from "../machine/Trends";
 import { Parts } from "../parts/Parts";
@@ -19,8 +18,9 @@ import { Footer } from "./Footer";
 import { NoticeBox } from "./Notice";
 import { Rail } from "./Rail";
 import { SignIn } from "./SignIn";
+import { TrendPage } from "../trends/TrendPage";
 
-const BODIES: Record<PageName, () => preact.JSX.Element | null> = { machine: Machine, hand: Hand, jobs: Jobs, parts: Parts, alarms: Alarms, log: EventLog };
+const BODIES: Record<PageName, () => preact.JSX.Element | null> = { machine: Machine, hand: Hand, jobs: Jobs, parts: Parts, alarms: Alarms, log: TrendPage };
 
 export function App() {
   if (session.value === undefined) return <main class="sign-in" />;

@@ -5,11 +5,12 @@ import uPlot from "uplot";
 import type { Snapshot } from "../api/types";
 import { isStale, snapshot } from "../state/cell";
 import { colour, theme } from "../state/theme";
-import { SPAN_S, trendNow, trends, type Series } from "../state/trends";
+import { live, trendNow, type Channel } from "../state/trends";
 import { words } from "../words";
 import { fixed } from "../words/format";
 
 const say = words.trends;
+const SPAN_S = 120;
 const PERIOD_MS = 250; // between drawings
 const FONT = "12px system-ui, sans-serif";
 
@@ -20,7 +21,7 @@ interface Kind {
   values: (now: Snapshot) => [set: number, read: number];
   colourName: string;
   least: number; // the scale shows at least this much
-  data: () => [number[], Series, Series];
+  channels: [set: Channel, read: Channel];
 }
 
 const KINDS: Kind[] = [
@@ -31,7 +32,7 @@ const KINDS: Kind[] = [
     values: ({ laser }) => [laser.power_setpoint_w, laser.power_readback_w],
     colourName: "laser",
     least: 200,
-    data: () => [trends.time, trends.laserSet, trends.laserRead],
+    channels: ["laser_setpoint_w", "laser_readback_w"],
   },
   {
     title: say.powder,
@@ -40,9 +41,16 @@ const KINDS: Kind[] = [
     values: ({ feeder }) => [feeder.rate_setpoint_g_min, feeder.rate_readback_g_min],
     colourName: "powder",
     least: 4,
-    data: () => [trends.time, trends.powderSet, trends.powderRead],
+    channels: ["powder_setpoint_g_min", "powder_readback_g_min"],
   },
 ];
+
+/** The rows of the time that is drawn. */
+function dataOf({ channels }: Kind): uPlot.AlignedData {
+  const from = trendNow() - SPAN_S - 1;
+  const begin = Math.max(live.at.findIndex((at) => at >= from), 0);
+  return [live.at.slice(begin), live.columns[channels[0]].slice(begin), live.columns[channels[1]].slice(begin)];
+}
 
 function options(kind: Kind, width: number, height: number): uPlot.Options {
   const grid = { stroke: colour("line"), width: 1 };
@@ -78,13 +86,13 @@ function connect(host: HTMLElement, kind: Kind): () => void {
   let plot: uPlot | null = null;
   const build = () => {
     plot?.destroy();
-    plot = new uPlot(options(kind, host.clientWidth, host.clientHeight), kind.data(), host);
+    plot = new uPlot(options(kind, host.clientWidth, host.clientHeight), dataOf(kind), host);
   };
   const stopTheme = effect(() => {
     void theme.value;
     build();
   });
-  const timer = setInterval(() => document.hidden || plot?.setData(kind.data()), PERIOD_MS);
+  const timer = setInterval(() => document.hidden || plot?.setData(dataOf(kind)), PERIOD_MS);
   const resizer = new ResizeObserver(() => plot?.setSize({ width: host.clientWidth, height: host.clientHeight }));
   resizer.observe(host);
   return () => {

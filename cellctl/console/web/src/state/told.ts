@@ -9,7 +9,7 @@ function detailOf(cause: string): string {
 }
 
 /** Cause and remedy of an alarm, by its code. */
-export function alarmWords({ code, cause, remedy }: Alarm): { cause: string; remedy: string } {
+export function alarmWords({ code, cause, remedy }: Pick<Alarm, "code" | "cause" | "remedy">): { cause: string; remedy: string } {
   const known = words.cell.alarms[code];
   if (!known) return { cause, remedy };
   const detail = known[0] === "{detail}" ? cause : detailOf(cause);

@@ -7,6 +7,7 @@ import { goingOn } from "./going_on.de";
 import { hand } from "./hand.de";
 import { parts } from "./parts.de";
 import { view } from "./view.de";
+import { trendPage } from "./trends.de";
 
 const process: Record<string, string> = {
   deposit_contour: "Kontur auftragen",
@@ -22,6 +23,7 @@ export const words: typeof english = {
   cell,
   hand,
   parts,
+  trendPage,
   title: "Konsole der Hybridzelle",
   noScript: "Diese Seite braucht JavaScript. Der Not-Halt wirkt in jedem Fall.",
   dash: "–",
@@ -140,7 +142,7 @@ export const words: typeof english = {
     dark: "Dunkel",
     themeAria: "Zwischen dunkel und hell wechseln",
     roles: { viewer: "Zuschauer", operator: "Bediener", engineer: "Ingenieur", admin: "Verwalter" },
-    tabs: { machine: "Maschine", hand: "Von Hand", jobs: "Aufträge", parts: "Teile", alarms: "Alarme", log: "Protokoll" },
+    tabs: { machine: "Maschine", hand: "Von Hand", jobs: "Aufträge", parts: "Teile", alarms: "Alarme", log: "Verläufe" },
     tabsAria: "Seiten",
     dismiss: "Schließen",
     skip: "Zur Seite springen",

@@ -5,6 +5,7 @@ import { goingOn } from "./going_on";
 import { hand } from "./hand.en";
 import { parts } from "./parts.en";
 import { view } from "./view.en";
+import { trendPage } from "./trends.en";
 
 const process: Record<string, string> = {
   deposit_contour: "contour deposition",
@@ -20,6 +21,7 @@ export const words = {
   cell,
   hand,
   parts,
+  trendPage,
   title: "Hybrid cell console",
   noScript: "This page needs JavaScript. The E-stop works in any case.",
   dash: "–",
@@ -138,7 +140,7 @@ export const words = {
     dark: "Dark",
     themeAria: "Change between dark and light",
     roles: { viewer: "viewer", operator: "operator", engineer: "engineer", admin: "admin" } as Record<string, string>,
-    tabs: { machine: "Machine", hand: "By hand", jobs: "Jobs", parts: "Parts", alarms: "Alarms", log: "Log" },
+    tabs: { machine: "Machine", hand: "By hand", jobs: "Jobs", parts: "Parts", alarms: "Alarms", log: "Trends" },
     tabsAria: "Pages",
     dismiss: "Dismiss",
     skip: "Go to the page",

@@ -37,6 +37,13 @@ export function moment(at: number): string {
   return new Date(at * 1000).toLocaleString(LOCALE, { dateStyle: "medium", timeStyle: "short" });
 }
 
+/** A moment on an axis of time that is `span` seconds long: with seconds, without, or with the date. */
+export function axisTime(at: number, span: number): string {
+  const date = new Date(at * 1000);
+  if (span > 2 * 86_400) return date.toLocaleDateString(LOCALE, { day: "numeric", month: "short" });
+  return date.toLocaleTimeString(LOCALE, span > 1200 ? { hour: "2-digit", minute: "2-digit" } : {});
+}
+
 /** A number with fixed decimals; a true minus sign, no negative zero. */
 export function fixed(value: number | undefined, decimals: number): string {
   if (value === undefined || !Number.isFinite(value)) return NONE;
