@@ -76,6 +76,8 @@ def test_the_time_of_the_trends_is_moved_by_keys_and_buttons_and_follows_again(p
     page.mouse.move(plot["x"] + 400, plot["y"] + 50, steps=4)
     page.mouse.up()
     expect(shown).not_to_have_text(before)
-    page.mouse.move(plot["x"] + 150, plot["y"] + 40)
+    page.get_by_role("button", name="2 min", exact=True).click()
+    expect(shown).to_contain_text("Live")
+    page.mouse.move(plot["x"] + plot["width"] - 40, plot["y"] + 40)
     expect(page.locator("[data-chart=powder] figcaption time")).to_be_attached()
     assert not heard.complaints
