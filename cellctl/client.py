@@ -27,6 +27,7 @@ import json
 import re
 import secrets
 import socket
+import ssl
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
@@ -67,13 +68,15 @@ class ServiceError(Exception):
 class Client:
     """Talks to one service. Every call raises ServiceError with the words of the problem document."""
 
-    def __init__(self, url: str, token: str, transport: httpx.BaseTransport | None = None, name: str = "") -> None:
-        """name : by which the cell tells this client from others of the same person; default: user and machine"""
+    def __init__(
+        self, url: str, token: str, transport: httpx.BaseTransport | None = None, name: str = "", verify: ssl.SSLContext | bool = True
+    ) -> None:
+        """name : by which the cell tells this client from others of the same person; default: user and machine    verify : of TLS"""
         self.url = url.rstrip("/")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         headers["X-Client-Id"] = name or own_name()
         self._http = httpx.Client(
-            base_url=self.url, headers=headers, timeout=TIMEOUT_S, trust_env=False, transport=transport
+            base_url=self.url, headers=headers, timeout=TIMEOUT_S, trust_env=False, transport=transport, verify=verify
         )
 
     def __enter__(self) -> Self:

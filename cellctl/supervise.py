@@ -19,8 +19,10 @@ from pathlib import Path
 import httpx
 
 from cellctl.first_start import ServeError, check_reach, first_token
+from cellctl.reach import Wire, check_wire
 from cellctl.store import upgrade
 from cellctl.store.engine import DATABASE
+from cellctl.tls import pinned_context
 from config import find_facts, load_cell
 
 BACK_OFF_FIRST_S = 0.2
@@ -48,6 +50,7 @@ class Options:
     stop_port: int | None = None
     upload_limit_mb: float = 200.0
     worker_memory_mb: float = 8192.0
+    wire: Wire = field(default_factory=Wire)
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,13 @@ class Address:
     host: str
     port: int
     stop_port: int
+    scheme: str = "http"
 
     @property
     def url(self) -> str:
         """Of the console and of REST."""
         shown = "127.0.0.1" if self.host in ("0.0.0.0", "::") else self.host
-        return f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}"
+        return f"{self.scheme}://{f'[{shown}]' if ':' in shown else shown}:{self.port}"
 
 
 @dataclass
@@ -200,6 +204,16 @@ def cell_process_at(path: Path) -> int | None:
         return int(pid)
 
 
+def check_adopted(run: Path, scheme: str, process: int) -> None:
+    """Raises ServeError if the cell process of an earlier service listens for STOP in a way that pages of this one cannot use."""
+    kept = run / "stop_scheme"
+    if kept.is_file() and (before := kept.read_text(encoding="ascii")) != scheme:
+        raise ServeError(
+            f"the cell process {process} of an earlier service listens for STOP by {before}, this service would be {scheme}",
+            "serve as before, or end that process first (it may be in a job)",
+        )
+
+
 class Supervisor:
     """One service: `run` until SIGTERM or SIGINT. say : told lines for a person; ready : told the address and the first token"""
 
@@ -220,11 +234,16 @@ class Supervisor:
         with only_one(options.run):
             upgrade(options.store)
             check_reach(options.store, host)
+            for warning in check_wire(options.wire, host):
+                self._say(warning)
+            scheme = options.wire.scheme
             adopted = cell_process_at(options.run / "cell.sock")
+            if adopted is not None:
+                check_adopted(options.run, scheme, adopted)
             port = await port_left(options.run, host, cell.service.port if options.port is None else options.port)
             wanted = cell.service.stop_port if options.stop_port is None else options.stop_port
             stop_port = int((options.run / "stop_port").read_text()) if adopted else free_port(host, wanted)
-            address = Address(host, port, stop_port)
+            address = Address(host, port, stop_port, scheme)
             secret = first_token(options.store)
             cell_keeper, web_keeper = self._keepers(cell_file, address)
             for sign in (signal.SIGTERM, signal.SIGINT):
@@ -236,13 +255,15 @@ class Supervisor:
         shared = ["--cell", str(cell_file), "--run", str(options.run.resolve())]
         cell = [python, "-m", "cellctl.cell", *shared, "--store", str(options.store.resolve() / DATABASE)]
         web = [python, "-m", "cellctl.api", *shared, "--store", str(options.store.resolve())]
+        files = options.wire.files()
+        web += [*files, *options.wire.for_web()]
         limits = {"upload-limit": options.upload_limit_mb * 1e6, "worker-memory": options.worker_memory_mb * 2**20}
         web += [word for name, value in limits.items() for word in (f"--{name}-bytes", str(int(value)))]
         web += ["--host", address.host, "--port", str(address.port), "--parent", str(os.getpid())]
         return (
             Keeper(
                 "cell",
-                [*cell, "--stop-host", address.host, "--stop-port", str(address.stop_port)],
+                [*cell, *files, "--stop-host", address.host, "--stop-port", str(address.stop_port)],
                 options.run / "cell.log",
                 self._say,
                 START_NICE,
@@ -299,7 +320,9 @@ class Supervisor:
 
     async def _announce(self, address: Address, secret: str | None) -> None:
         """Wait until the web process answers, then tell the address. Raises ServeError after READY_S."""
-        async with httpx.AsyncClient(trust_env=False, timeout=2.0) as client:
+        cert = self._options.wire.cert
+        verify = pinned_context(cert) if cert is not None else True
+        async with httpx.AsyncClient(trust_env=False, timeout=2.0, verify=verify) as client:
             for _ in range(int(READY_S / POLL_S)):
                 with suppress(httpx.HTTPError):
                     if (await client.get(f"{address.url}/healthz")).status_code == 200:
@@ -307,7 +330,9 @@ class Supervisor:
                 await asyncio.sleep(POLL_S)
             else:
                 raise ServeError("the web process does not answer", f"its log is {self._options.run / 'web.log'}")
-        document = {"url": address.url, "stop_url": f"http://127.0.0.1:{address.stop_port}/stop", "pid": os.getpid()}
+        document = {"url": address.url, "stop_url": f"{address.scheme}://127.0.0.1:{address.stop_port}/stop", "pid": os.getpid()}
         document["store"] = str(self._options.store.resolve())
+        if cert is not None:
+            document["tls_cert"] = str(cert.resolve())
         (self._options.run / ADDRESS_FILE).write_text(json.dumps(document), encoding="utf-8")
         self._ready(address, secret)

@@ -16,8 +16,10 @@ from cellctl import faults
 from cellctl.allocator import keep_little
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Settings
+from cellctl.api.wire import PatientProtocol
 from cellctl.planning.worker import end_with
 from cellctl.store import StoreError
+from cellctl.tls import TlsError
 from config import ConfigError
 
 SWITCH_S = 0.001  # how long a thread that computes may keep the event loop waiting
@@ -35,6 +37,11 @@ def arguments(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--parent", type=int, default=0, help="process to end with")
     parser.add_argument("--upload-limit-bytes", type=int, default=UPLOAD_LIMIT_BYTES)
     parser.add_argument("--worker-memory-bytes", type=int, default=WORKER_MEMORY_BYTES)
+    parser.add_argument("--tls-cert", type=Path, default=None)
+    parser.add_argument("--tls-key", type=Path, default=None)
+    parser.add_argument("--behind-proxy", default="", help="address of a proxy whose X-Forwarded-For and -Proto are believed")
+    parser.add_argument("--stop-url", default="", help="where pages reach the stop listener, if not on their own host")
+    parser.add_argument("--name", action="append", default=[], help="a host that the service is called by")
     return parser.parse_args(words)
 
 
@@ -49,6 +56,9 @@ async def serve(given: argparse.Namespace) -> None:
         stop_port=given.stop_port,
         upload_limit_bytes=given.upload_limit_bytes,
         worker_memory_bytes=given.worker_memory_bytes,
+        tls_cert=given.tls_cert,
+        stop_url=given.stop_url,
+        names=tuple(given.name),
     )
     app = make_app(build_service(settings), given.host)
     config = uvicorn.Config(
@@ -61,6 +71,11 @@ async def serve(given: argparse.Namespace) -> None:
         server_header=False,
         timeout_graceful_shutdown=3,
         ws_max_size=64 * 1024,
+        http=PatientProtocol,
+        ssl_certfile=given.tls_cert,
+        ssl_keyfile=given.tls_key,
+        proxy_headers=bool(given.behind_proxy),
+        forwarded_allow_ips=given.behind_proxy or None,
     )
     sys.setswitchinterval(SWITCH_S)
     gc.collect()
@@ -87,7 +102,7 @@ def main() -> int:
     keep_little()
     try:
         asyncio.run(serve(arguments(sys.argv[1:])))
-    except (StoreError, ConfigError) as error:
+    except (StoreError, ConfigError, TlsError) as error:
         fault = faults.explain(error)
         if fault is not None:
             faults.report(fault)

@@ -169,7 +169,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         may_upload=lambda connection: sign_in.is_let_in(connection, service, Role.OPERATOR),
     )
     app.add_middleware(Measure, metrics=service.metrics)
-    app.add_middleware(Guard, bound_host=bound_host, stop_port=service.stop_port, script_hashes=page.script_hashes)
+    app.add_middleware(Guard, bound_host=bound_host, stop_url=service.stop_url, script_hashes=page.script_hashes, names=service.names)
     _complete_openapi(app)
     return app
 

@@ -24,6 +24,7 @@ from cellctl.domain.jobs import JobState
 from cellctl.domain.messages import Reply
 from cellctl.store import history, jobs
 from cellctl.store.pages import cursor_of, seq_of
+from cellctl.tls import pinned_context
 
 router = APIRouter(prefix="/api/v1/cell", tags=["cell"], responses=DOCUMENTED)
 ABSENT_HINT = "it is restarted by itself; if it stays away look at the service's log; the E-stop works in any case"
@@ -122,8 +123,10 @@ async def _stop_without_link(service: Service, person: Person, body: CellCommand
     port = service.stop_port
     document = {"id": body.id or "", "because": f"{person.name}: {body.because or 'stop'}"}
     try:
-        async with httpx.AsyncClient(timeout=STOP_TIMEOUT_S, trust_env=False) as client:
-            answer = await client.post(f"http://127.0.0.1:{port}/stop", json=document)
+        cert = service.settings.tls_cert
+        verify = pinned_context(cert) if cert is not None else True
+        async with httpx.AsyncClient(timeout=STOP_TIMEOUT_S, trust_env=False, verify=verify) as client:
+            answer = await client.post(f"{service.stop_scheme}://127.0.0.1:{port}/stop", json=document)
         answer.raise_for_status()
     except httpx.HTTPError as error:
         raise CellAbsentError(f"neither its socket nor its stop listener answers ({type(error).__name__})") from None

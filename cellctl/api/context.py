@@ -17,6 +17,7 @@ from cellctl.api.incoming import Receiving
 from cellctl.api.metrics import Metrics
 from cellctl.api.presence import Presence
 from cellctl.api.runs import Runs
+from cellctl.api.security import own_names
 from cellctl.api.turnstile import Turnstile
 from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
@@ -24,6 +25,7 @@ from cellctl.planning.queue import PlanningQueue
 from cellctl.planning.standing_cell import StandingCell
 from cellctl.record.keeping import Keeping
 from cellctl.store import Store
+from cellctl.tls import names_of
 from config import Cell
 
 UPLOAD_LIMIT_BYTES = 200 * 10**6
@@ -33,7 +35,10 @@ WORKER_MEMORY_BYTES = 8 * 2**30
 
 @dataclass(frozen=True)
 class Settings:
-    """Where the web process finds and keeps things, and its limits."""
+    """Where the web process finds and keeps things, and its limits.
+
+    stop_url : where pages reach the stop listener, if that is not on the page's own host; names : hosts that the service is called by
+    """
 
     store: Path
     run: Path
@@ -42,6 +47,9 @@ class Settings:
     upload_limit_bytes: int = UPLOAD_LIMIT_BYTES
     worker_memory_bytes: int = WORKER_MEMORY_BYTES
     planning_slots: int = 1
+    tls_cert: Path | None = None
+    stop_url: str = ""
+    names: tuple[str, ...] = ()
     resumable_limit_bytes: int = RESUMABLE_LIMIT_BYTES
 
 
@@ -79,10 +87,23 @@ class Service:
         """Port on which the cell process listens for STOP."""
         return self.cell.service.stop_port if self.settings.stop_port is None else self.settings.stop_port
 
+    @property
+    def names(self) -> frozenset[str]:
+        """Hosts that the service is called by: as told, as its certificate says, as the machine is called."""
+        certified = names_of(self.settings.tls_cert) if self.settings.tls_cert is not None else frozenset()
+        return own_names() | certified | {name.lower() for name in self.settings.names}
+
+    @property
+    def stop_scheme(self) -> str:
+        """Of the stop listener, and of this service: a page that came by https may not post by http."""
+        return "https" if self.settings.tls_cert is not None else "http"
+
     def stop_url(self, connection: HTTPConnection) -> str:
         """Where the cell process listens for STOP, as seen from the page's host."""
+        if self.settings.stop_url:
+            return self.settings.stop_url
         name = connection.url.hostname or self.cell.service.host
-        return f"http://{f'[{name}]' if ':' in name else name}:{self.stop_port}/stop"
+        return f"{self.stop_scheme}://{f'[{name}]' if ':' in name else name}:{self.stop_port}/stop"
 
 
 def service_of(connection: HTTPConnection) -> Service:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import re
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -22,6 +23,7 @@ RESUMABLE_PATH = "/api/v1/uploads/"
 ATTACHMENT_PATH = re.compile(r"/api/v1/jobs/[^/]+/attachments/?")
 COMMAND_PATH = "/api/v1/cell/"
 PIECE_BYTES = 16 * 1024  # of an upload, between two of which everybody else has a turn
+BODY_GAP_S = 20.0  # between two pieces of a body
 GIVE_WAY_S = 0.25  # an upload waits at most so long per piece for commands that are under way
 
 HEADERS = {
@@ -30,7 +32,8 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Permissions-Policy": "camera=(), microphone=(), geolocation=(), payment=(), usb=()",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=(), payment=(), usb=(), serial=(), hid=(), bluetooth=(), display-capture=()",
+    "X-Permitted-Cross-Domain-Policies": "none",
 }
 
 
@@ -51,17 +54,36 @@ def host_of(header: str) -> str:
     return header.partition(":")[0]
 
 
-def is_known_host(name: str, bound: str) -> bool:
-    """Whether a page under this name may be ours. A listener on this machine only answers to its own names (DNS rebinding)."""
+def own_names() -> frozenset[str]:
+    """What this machine is called on its network."""
+    name = socket.gethostname().lower()
+    short = name.partition(".")[0]
+    return frozenset({name, short, f"{short}.local"})
+
+
+def is_known_host(name: str, bound: str, names: frozenset[str] = frozenset()) -> bool:
+    """Whether a page under this name may be ours: an address, or a name that the service was told or that its certificate is for.
+
+    Another name that leads here is somebody else's page (DNS rebinding). A listener on this machine answers to its own names only.
+    """
+    name = name.lower()
+    if name in names or f"*.{name.partition('.')[2]}" in names:
+        return True
     if is_loopback(bound):
         return is_loopback(name)
-    return bool(name) and all(char.isalnum() or char in ".-:_" for char in name)
+    if name in LOOPBACK_NAMES or name == bound.lower():
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
 
 
 def content_security_policy(
-    name: str, port: str, stop_port: int, script_hashes: list[str], style_hashes: list[str] | None = None
+    name: str, port: str, stop: str, script_hashes: list[str], style_hashes: list[str] | None = None
 ) -> str:
-    """Policy of one page: scripts and requests of our own only, and the stop listener on the same host."""
+    """Policy of one page: scripts and requests of our own only, and the stop listener. stop : its address without path"""
     host = f"[{name}]" if ":" in name else name
     own = f"ws://{host}:{port} wss://{host}:{port}" if port else f"ws://{host} wss://{host}"
     scripts = " ".join(["'self'", *(f"'{value}'" for value in script_hashes)])
@@ -73,7 +95,7 @@ def content_security_policy(
             f"style-src {styles}",
             "img-src 'self' data: blob:",
             "font-src 'self'",
-            f"connect-src 'self' {own} http://{host}:{stop_port}",
+            f"connect-src 'self' {own} {stop}",
             "worker-src 'self' blob:",
             "manifest-src 'self'",
             "base-uri 'none'",
@@ -87,12 +109,22 @@ class Guard:
     """ASGI middleware: refuses unknown hosts, adds the headers to every answer.
 
     script_hashes : the inline scripts of the page that is built now
+    stop_url : where a page reaches the stop listener
+    names : hosts that the service is called by, beside its own
     """
 
-    def __init__(self, app: ASGIApp, bound_host: str, stop_port: int, script_hashes: Callable[[], list[str]]) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        bound_host: str,
+        stop_url: Callable[[HTTPConnection], str],
+        script_hashes: Callable[[], list[str]],
+        names: frozenset[str] = frozenset(),
+    ) -> None:
         self.app = app
         self.bound_host = bound_host
-        self.stop_port = stop_port
+        self.stop_url = stop_url
+        self.names = names
         self.script_hashes = script_hashes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -102,7 +134,7 @@ class Guard:
             return
         header = Headers(scope=scope).get("host", "")
         name = host_of(header)
-        if not is_known_host(name, self.bound_host):
+        if not is_known_host(name, self.bound_host, self.names):
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 4403})
                 return
@@ -110,14 +142,14 @@ class Guard:
                 title="Unknown host",
                 status=421,
                 detail="this service does not answer to that name",
-                hint=f"use http://{self.bound_host}",
+                hint=f"use {self.bound_host}, or name it at the start with --name",
             )
             await response(problem)(scope, receive, send)
             return
         policy = content_security_policy(
             name,
             header.rpartition(":")[2] if header.count(":") == 1 or "]:" in header else "",
-            self.stop_port,
+            self.stop_url(HTTPConnection(scope)).removesuffix("/stop"),
             self.script_hashes(),
         )
 
@@ -214,7 +246,11 @@ class BodyLimit:
 
         async def counted() -> Message:
             nonlocal received
-            message = await receive()
+            try:
+                async with asyncio.timeout(BODY_GAP_S):
+                    message = await receive()
+            except TimeoutError:
+                raise HTTPException(408, f"nothing of the request's body came for {BODY_GAP_S:.0f} s") from None
             received += len(message.get("body", b""))
             if received > limit:
                 raise HTTPException(413, detail)

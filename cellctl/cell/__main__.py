@@ -9,6 +9,7 @@ import gc
 import os
 import resource
 import signal
+import ssl
 import sys
 import threading
 import time
@@ -27,9 +28,11 @@ from cellctl.cell.ipc import IpcServer
 from cellctl.cell.program_reader import ProgramReader
 from cellctl.cell.record import Journal, StoreError
 from cellctl.cell.stop_listener import StopListener
+from cellctl.cell.stop_thread import StopThread
 from cellctl.cell.tick import HELPER_PRIORITY, Beat, Ticker, be_urgent
 from cellctl.cell.view import snapshot
 from cellctl.domain.messages import Command
+from cellctl.tls import TlsError, server_context
 from config.base import ConfigError
 from config.cell import Cell, load_cell
 from drivers.clock import SystemClock
@@ -48,7 +51,7 @@ log = structlog.get_logger()
 class CellProcess:
     """Joins controller, wires, socket, stop listener and timer in one event loop."""
 
-    def __init__(self, cell: Cell, cell_file: str, run_dir: Path, store: Path, stop_host: str = "") -> None:
+    def __init__(self, cell: Cell, cell_file: str, run_dir: Path, store: Path, stop_host: str = "", tls: ssl.SSLContext | None = None) -> None:
         self.cell = cell
         self._run_dir = run_dir
         self._clock = SystemClock()
@@ -57,9 +60,8 @@ class CellProcess:
         self.commands = Commands(self.controller, ProgramReader(cell_file, run_dir / "forms"))
         self._beat = Beat(cell.limits.tick_s)
         self._ipc = IpcServer(self.commands.handle, cell.name)
-        self._stop_listener = StopListener(
-            self._stop, lambda: self.controller.state.value, stop_host or cell.service.host
-        )
+        self._stop_listener = self._listener(stop_host or cell.service.host, tls)
+        self._stop_scheme = "http" if tls is None else "https"
         self._connection = Connection(self.controller, CellWires(cell, run_dir, self._clock), self._watch_cnc)
         self._watch: LineWatch | None = None
         self._due: asyncio.TimerHandle | None = None
@@ -81,6 +83,7 @@ class CellProcess:
         try:
             await self._ipc.start(self._run_dir / "cell.sock")
             port = await self._stop_listener.start(stop_port)
+            (self._run_dir / "stop_scheme").write_text(self._stop_scheme, encoding="ascii")
             (self._run_dir / "stop_port").write_text(str(port), encoding="ascii")
             ticker = Ticker(self._beat, self._clock.now, self._tick)
             self._connection.start()
@@ -94,6 +97,12 @@ class CellProcess:
             ticker.close()
         finally:
             await self._close()
+
+    def _listener(self, host: str, tls: ssl.SSLContext | None) -> StopListener | StopThread:
+        def state() -> str:
+            return self.controller.state.value
+
+        return StopListener(self._stop, state, host) if tls is None else StopThread(self._stop, state, host, tls, _be_prompt)
 
     async def _close(self) -> None:
         """Everything off, then everything closed."""
@@ -195,13 +204,14 @@ def _limit_descriptors() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (SELECT_DESCRIPTORS, hard))
 
 
-async def _main(cell_file: str, run_dir: Path, store: Path, stop_host: str, stop_port: int | None) -> None:
-    cell = load_cell(cell_file)
-    process = CellProcess(cell, cell_file, run_dir, store, stop_host)
+async def _main(given: argparse.Namespace) -> None:
+    cell = load_cell(given.cell)
+    tls = server_context(given.tls_cert, given.tls_key) if given.tls_cert is not None else None
+    process = CellProcess(cell, given.cell, given.run, given.store, given.stop_host, tls)
     loop = asyncio.get_running_loop()
     for sign in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(sign, process.ended.set)
-    await process.run(cell.service.stop_port if stop_port is None else stop_port)
+    await process.run(cell.service.stop_port if given.stop_port is None else given.stop_port)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -212,6 +222,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--store", required=True, type=Path, help="store file (SQLite)")
     parser.add_argument("--stop-host", default="", help="where the stop listener is reached; else the cell file's host")
     parser.add_argument("--stop-port", type=int, default=None, help="port of the stop listener; 0: any free one")
+    parser.add_argument("--tls-cert", type=Path, default=None, help="certificate of the stop listener (PEM)")
+    parser.add_argument("--tls-key", type=Path, default=None, help="its key")
     given = parser.parse_args(arguments)
     structlog.configure(
         processors=[structlog.processors.add_log_level, structlog.processors.TimeStamper(fmt="iso"), structlog.processors.dict_tracebacks,
@@ -224,8 +236,8 @@ def main(arguments: list[str] | None = None) -> int:
         given.run.mkdir(parents=True, exist_ok=True)
         given.store.parent.mkdir(parents=True, exist_ok=True)
         with asyncio.Runner(loop_factory=LineLoop) as runner:
-            runner.run(_main(given.cell, given.run, given.store, given.stop_host, given.stop_port))
-    except (ConfigError, StoreError, PlannerError) as error:
+            runner.run(_main(given))
+    except (ConfigError, StoreError, PlannerError, TlsError) as error:
         print(f"{error.message}\n  {error.hint}", file=sys.stderr)
         return 2
     except OSError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import ssl
 from collections.abc import Awaitable, Callable
 from urllib.parse import urlsplit
 
@@ -42,9 +43,11 @@ class StopListener:
 
     stop : (id, who, because) -> state word; carried out before the answer
     state : the state word now
+    tls : None for plain HTTP
     """
 
-    def __init__(self, stop: Stop, state: Callable[[], str], host: str) -> None:
+    def __init__(self, stop: Stop, state: Callable[[], str], host: str, tls: ssl.SSLContext | None = None) -> None:
+        self._tls = tls
         self._stop = stop
         self._state = state
         self._host = host
@@ -79,6 +82,8 @@ class StopListener:
         origin = ""
         try:
             async with asyncio.timeout(READ_TIMEOUT_S):
+                if self._tls is not None:  # after the connection is counted among those that may give way
+                    await writer.start_tls(self._tls)
                 method, path, headers = await self._head(reader)
                 origin = self._origin(headers)
                 body = await self._body(reader, headers)

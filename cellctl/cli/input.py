@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    import ssl
+
     from cellctl.client import Client
 
 HOME = Path(".cellctl")
@@ -77,6 +79,7 @@ def connect(url: str | None, run: Path) -> Client:
     from cellctl.client import Client
 
     token = os.environ.get("CELLCTL_TOKEN", "")
+    cert = os.environ.get("CELLCTL_CA")
     if url is None:
         try:
             address = json.loads((run / "service.json").read_text(encoding="utf-8"))
@@ -85,6 +88,7 @@ def connect(url: str | None, run: Path) -> Client:
                 f"no service runs in {run}", "start one with `cellctl serve`, or name one with --url"
             ) from None
         url = str(address["url"])
+        cert = address.get("tls_cert")
         kept = Path(address["store"]) / "operator.token"
         if not token and kept.is_file() and os.access(kept, os.R_OK):
             token = kept.read_text(encoding="ascii").strip()
@@ -92,7 +96,22 @@ def connect(url: str | None, run: Path) -> Client:
         raise InputFault(
             "no token", "put one into CELLCTL_TOKEN; `cellctl token create NAME --role operator` makes one"
         )
-    return Client(url, token)
+    return Client(url, token, verify=_trusted(url, cert))
+
+
+def _trusted(url: str, cert: str | None) -> ssl.SSLContext | bool:
+    """What a client believes: the certificate of the service that runs here, or the authority in CELLCTL_CA, else the usual ones."""
+    import ssl
+
+    from cellctl.tls import certificate, pinned_context
+
+    if cert is None or not url.startswith("https:"):
+        return True
+    path = existing_file(Path(cert), "certificate")
+    if cert != os.environ.get("CELLCTL_CA"):
+        return pinned_context(path)
+    certificate(path)
+    return ssl.create_default_context(cafile=path)
 
 
 def find_job(client: Client, given: str) -> str:

@@ -48,12 +48,23 @@ def serve(
     worker_memory_mb: Annotated[
         float, typer.Option("--worker-memory-mb", min=512.0, help="Address space of a planning worker.")
     ] = 8192.0,
+    tls_cert: Annotated[
+        Path | None, typer.Option("--tls-cert", help="Certificate (PEM) of console, REST and STOP; its names are those of the service.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option("--tls-key", help="Its key (PEM, without passphrase).")] = None,
+    plain: Annotated[bool, typer.Option("--plain", help="Serve other machines without TLS: passwords can be read on the network.")] = False,
+    behind_proxy: Annotated[
+        str, typer.Option("--behind-proxy", metavar="ADDRESS", help="A proxy there does the TLS; its X-Forwarded-For and -Proto are believed.")
+    ] = "",
+    stop_url: Annotated[str, typer.Option("--stop-url", help="Behind a proxy: where pages reach the STOP listener.")] = "",
+    name: Annotated[list[str] | None, typer.Option("--name", help="A host name that the service is called by; again for more.")] = None,
     json: Json = False,
 ) -> None:
     """Run the service: the cell process, the web process with the console, and the planning workers."""
     import asyncio
 
     from cellctl.first_start import has_admin
+    from cellctl.reach import Wire
     from cellctl.supervise import Address, Options, Supervisor
 
     def ready(address: Address, secret: str | None) -> None:
@@ -72,7 +83,8 @@ def serve(
     def say(text: str) -> None:
         typer.echo(f"cellctl: {text}", err=True)
 
-    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb)
+    wire = Wire(tls_cert, tls_key, plain, behind_proxy, stop_url, tuple(name or ()))
+    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb, wire)
     asyncio.run(Supervisor(options, say, ready).run())
 
 

@@ -23,6 +23,7 @@ import "./styles/hand.css";
 import "./styles/parts.css";
 import "./styles/alarms.css";
 import "./styles/trends.css";
+import "./styles/people.css";
 
 const RETRY_MS = 2000;
 

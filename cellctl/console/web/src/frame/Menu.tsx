@@ -5,6 +5,7 @@ import { told } from "../state/notices";
 import { session, signOut } from "../state/session";
 import { changeTheme, theme } from "../state/theme";
 import { words } from "../words";
+import { openPeople } from "../people/People";
 import { hasLetterKeys, SHORTCUTS } from "./shortcuts";
 
 const say = words.frame;
@@ -38,6 +39,9 @@ function Menu() {
       <div class="row">
         <button type="button" class="control" onClick={leave}>
           {say.signOut}
+        </button>
+        <button type="button" class="control" onClick={openPeople}>
+          {words.people.open}
         </button>
         <button type="button" class="control" aria-label={say.themeAria} onClick={changeTheme}>
           {theme.value === "dark" ? say.light : say.dark}

@@ -24,7 +24,7 @@ let press: Press | null = null;
 /** Where the listener is by default: the port after the page's own. */
 function nextPort(): string {
   const port = Number(location.port || (location.protocol === "https:" ? 443 : 80));
-  return `http://${location.hostname}:${port + 1}/stop`;
+  return `${location.protocol}//${location.hostname}:${port + 1}/stop`;
 }
 
 function newId(): string {

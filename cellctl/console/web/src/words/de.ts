@@ -8,6 +8,7 @@ import { hand } from "./hand.de";
 import { parts } from "./parts.de";
 import { view } from "./view.de";
 import { trendPage } from "./trends.de";
+import { people, signIn } from "./people.de";
 
 const process: Record<string, string> = {
   deposit_contour: "Kontur auftragen",
@@ -124,15 +125,8 @@ export const words: typeof english = {
     resetBecause: "an der Konsole quittiert",
   },
 
-  signIn: {
-    title: "Anmelden",
-    lead: "STOP wirkt ohne Anmeldung.",
-    token: "Schlüssel",
-    hint: "Beim ersten Start des Dienstes ausgegeben, oder erzeugt mit: cellctl token create",
-    submit: "Anmelden",
-    working: "Anmeldung läuft …",
-    ended: "Sie wurden abgemeldet.",
-  },
+  signIn,
+  people,
 
   frame: {
     connected: "Verbunden",

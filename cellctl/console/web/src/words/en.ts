@@ -6,6 +6,7 @@ import { hand } from "./hand.en";
 import { parts } from "./parts.en";
 import { view } from "./view.en";
 import { trendPage } from "./trends.en";
+import { people, signIn } from "./people.en";
 
 const process: Record<string, string> = {
   deposit_contour: "contour deposition",
@@ -122,15 +123,8 @@ export const words = {
     resetBecause: "reset at the console",
   },
 
-  signIn: {
-    title: "Sign in",
-    lead: "STOP works without signing in.",
-    token: "Token",
-    hint: "Printed when the service first started, or made with: cellctl token create",
-    submit: "Sign in",
-    working: "Signing in …",
-    ended: "You were signed out.",
-  },
+  signIn,
+  people,
 
   frame: {
     connected: "Connected",
