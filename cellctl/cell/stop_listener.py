@@ -73,8 +73,9 @@ class StopListener:
         for writer in list(self.waiting):
             writer.transport.abort()
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.waiting[writer] = None
+    async def _serve(self, reader: asyncio.StreamReader, came: asyncio.StreamWriter) -> None:
+        writer = came
+        self.waiting[came] = None
         if len(self.waiting) > CONNECTIONS_MAX:
             oldest = next(iter(self.waiting))
             del self.waiting[oldest]
@@ -83,11 +84,11 @@ class StopListener:
         try:
             async with asyncio.timeout(READ_TIMEOUT_S):
                 if self._tls is not None:  # after the connection is counted among those that may give way
-                    await writer.start_tls(self._tls)
+                    reader, writer = await _behind_tls(came.transport, self._tls)
                 method, path, headers = await self._head(reader)
                 origin = self._origin(headers)
                 body = await self._body(reader, headers)
-            self.waiting.pop(writer, None)
+            self.waiting.pop(came, None)
             peer = writer.get_extra_info("peername")
             status, answer = await self._answer(method, path, body, f"stop listener {peer[0] if peer else ''}")
         except RequestError as error:
@@ -96,7 +97,7 @@ class StopListener:
             writer.close()
             return
         finally:
-            self.waiting.pop(writer, None)
+            self.waiting.pop(came, None)
         await self._send(writer, status, answer, origin)
 
     async def _head(self, reader: asyncio.StreamReader) -> tuple[str, str, dict[str, str]]:
@@ -176,6 +177,18 @@ class StopListener:
             return
         finally:
             writer.close()
+
+
+async def _behind_tls(transport: asyncio.WriteTransport, tls: ssl.SSLContext) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Both ends of the connection behind its handshake. Raises OSError if the other side leaves or does not speak TLS."""
+    loop = asyncio.get_running_loop()
+    reader = asyncio.StreamReader(HEAD_LIMIT, loop)
+    protocol = asyncio.StreamReaderProtocol(reader, loop=loop)
+    secured = await loop.start_tls(transport, protocol, tls, server_side=True, ssl_handshake_timeout=READ_TIMEOUT_S)
+    if secured is None:
+        raise ConnectionAbortedError("left during the handshake")
+    protocol.connection_made(secured)
+    return reader, asyncio.StreamWriter(secured, protocol, reader, loop)
 
 
 def _plain(value: object) -> str:
