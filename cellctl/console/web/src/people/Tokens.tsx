@@ -97,7 +97,7 @@ export function Tokens() {
             <tr key={token.id}>
               <th scope="row">{token.name}</th>
               <td>{roleName(token.role)}</td>
-              <td>{token.scopes.map((scope) => say.scope[scope]).join(", ")}</td>
+              <td>{token.scopes.filter((scope) => scope !== "admin" || token.role === "admin").map((scope) => say.scope[scope]).join(", ")}</td>
               <td class="narrow">{token.expires_at === null ? say.never : new Date(token.expires_at * 1000).toLocaleDateString()}</td>
               <td class="narrow">
                 {token.revoked_at !== null ? (
