@@ -288,6 +288,77 @@ export interface Job {
   program_sha256: string | null;
   proof_sha256: string | null;
   timestamps: Record<string, number>;
+  waits_for: Wait[];
+  after: { job: string; name: string; state: string; until: string; met: boolean }[];
+  not_before: number | null;
+  priority: number;
+  tags: string[];
+  made_from: string | null;
+  made_how: string;
+  changes: Change[];
+  cleared_at: number | null;
+}
+
+/** One thing that a job waits for. blocked: it will not come about by itself */
+export interface Wait {
+  kind: string;
+  text: string;
+  job: string | null;
+  until: string | null;
+  at: number | null;
+  blocked: boolean;
+}
+
+/** A field of a recipe that differs. */
+export interface Change {
+  field: string;
+  before: unknown;
+  after: unknown;
+}
+
+/** A queue in its order. version: of the order, given to a move */
+export interface Queue {
+  version: number;
+  length: number;
+  first: number;
+  items: Job[];
+  next: string | null;
+}
+
+/** What lies on the cell's table. */
+export interface TableState {
+  job: string | null;
+  name: string;
+  state: string;
+  cleared_at: number | null;
+  cleared_by: string;
+  next: string | null;
+  next_name: string;
+}
+
+export interface JobStep {
+  at: number;
+  left: string;
+  state: string;
+  why: string;
+  who: string;
+  lasted_s: number | null;
+}
+
+export interface JobNote {
+  seq: number;
+  at: number;
+  who: string;
+  text: string;
+}
+
+export interface JobAttachment {
+  id: string;
+  at: number;
+  who: string;
+  name: string;
+  bytes: number;
+  is_image: boolean;
 }
 
 /** A place on a program. known_by: "tick" or "sample" */

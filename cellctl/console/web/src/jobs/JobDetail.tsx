@@ -8,13 +8,18 @@ import { plan } from "../state/plan";
 import { isOperator } from "../state/session";
 import { words } from "../words";
 import { duration, fixed, whole } from "../words/format";
+import { Again } from "./Again";
 import { Approve } from "./Approve";
 import { GoOn } from "./GoOn";
 import { PlanLink } from "../parts/PlanLink";
 import { JobState } from "./JobState";
+import { Life } from "./Life";
+import { Order, Tags } from "./Order";
 import { Pieces } from "./Pieces";
 import { Proof } from "./Proof";
 import { Rest } from "./Rest";
+import { Attachments, Notes } from "./Thread";
+import { Waits } from "./Waits";
 
 const say = words.jobs;
 const CANCELLABLE = ["submitted", "planning", "planned", "posting", "proving", "proven", "waiting_for_approval", "queued"];
@@ -29,7 +34,7 @@ export function JobDetail({ job }: { job: Job }) {
         <JobState state={job.state} />
       </div>
       <h2 class="job-heading">{job.name}</h2>
-      {job.why && job.state !== "waiting_for_approval" && <p class="why">{job.why}</p>}
+      {job.waits_for.length > 0 ? <Waits job={job} withTitle /> : job.why && <p class="why">{job.why}</p>}
       <Working job={job} />
       {job.error && (
         <p class="problem" role="alert">
@@ -44,6 +49,12 @@ export function JobDetail({ job }: { job: Job }) {
       <PartFacts id={job.part_id} />
       {plan.value?.job === job.id && <Pieces plan={plan.value.plan} />}
       {job.proof_sha256 && <Proof job={job} key={job.proof_sha256} />}
+      <Order job={job} />
+      <Life job={job} />
+      <Notes job={job} />
+      <Attachments job={job} />
+      <Tags job={job} />
+      <Again job={job} key={`again-${job.id}`} />
       <Actions job={job} />
     </article>
   );
