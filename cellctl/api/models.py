@@ -105,6 +105,7 @@ class Job(BaseModel):
     after: list[Dependency] = Field(default_factory=list, description="other jobs that it may not start before")
     not_before: float | None = None
     priority: int = Field(5, description="1 goes first, 9 last")
+    rank: int = Field(0, description="its place among those of its priority: smaller goes first")
     tags: list[str] = Field(default_factory=list)
     made_from: str | None = Field(None, description="the job that it was made from")
     made_how: str = Field("", description="rerun, clone or retry")

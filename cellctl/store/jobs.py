@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, func, insert, or_, select, update
+from sqlalchemy import Connection, RowMapping, func, insert, select, update
 
 from cellctl.domain.jobs import STEP_WORDS, JobState, step
 from cellctl.store import cell_table, lanes
@@ -148,24 +148,22 @@ def first_in(connection: Connection, state: JobState, limit: int) -> list[JobRow
 
 def confirmed(connection: Connection) -> list[JobRow]:
     """Queued jobs for whose table a person vouches and that the cell has not run, in the order of the queue: few, as each start takes the others'."""
-    query = (
-        select(jobs)
-        .where(jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True))
-        .where(~select(cell_runs.c.job).where(cell_runs.c.job == jobs.c.id).exists())
-        .order_by(jobs.c.priority, jobs.c.rank, jobs.c.seq)
-    )
-    return [row_of(row) for row in connection.execute(query).mappings()]
+    query = select(jobs).where(jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True))
+    query = query.where(~select(cell_runs.c.job).where(cell_runs.c.job == jobs.c.id).exists())
+    found = [row_of(row) for row in connection.execute(query).mappings()]  # by their index; sorted here, so that it is that one that is used
+    return sorted(found, key=lambda job: (job.priority, job.rank, job.seq))
 
 
 def on_or_near_cell(connection: Connection) -> list[JobRow]:
     """Jobs that run, are held, or may just have been started, oldest first; takes the same time however many are queued."""
-    recent = select(cell_runs.c.job).order_by(cell_runs.c.started_at.desc()).limit(RECENT_RUNS).scalar_subquery()
-    is_started = or_(jobs.c.id.in_(recent), jobs.c.table_clear.is_(True))
-    found = []
-    for state, more in ((JobState.RUNNING, None), (JobState.HELD, None), (JobState.QUEUED, is_started)):
-        query = select(jobs).where(jobs.c.state == state.value)
-        found += [row_of(row) for row in connection.execute(query if more is None else query.where(more)).mappings()]
-    return sorted(found, key=lambda job: job.seq)
+    recent = select(cell_runs.c.job).order_by(cell_runs.c.started_at.desc()).limit(RECENT_RUNS)
+    queued = jobs.c.state == JobState.QUEUED.value
+    conditions = (
+        (jobs.c.state == JobState.RUNNING.value,), (jobs.c.state == JobState.HELD.value,),
+        (jobs.c.id.in_(recent.scalar_subquery()), queued), (queued, jobs.c.table_clear.is_(True)),
+    )  # fmt: skip
+    found = {row["id"]: row_of(row) for one in conditions for row in connection.execute(select(jobs).where(*one)).mappings()}
+    return sorted(found.values(), key=lambda job: job.seq)
 
 
 def change(connection: Connection, job_id: str, **changes: Any) -> JobRow:

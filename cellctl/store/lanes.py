@@ -1,7 +1,7 @@
 """The two queues of jobs and their order: for the planner (submitted) and for the cell (queued).
 
 A job stands by (priority, rank, seq). A move gives it a rank between its new neighbours, so that no other row changes; only where no
-room is left between two are the ranks of that lane spread anew. Every change of a lane gives it a new version.
+room is left between two are the ranks of those that follow spread anew. Every change of a lane gives it a new version.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from cellctl.store.pages import CursorError
 from cellctl.store.schema import jobs
 
 GAP = 2**20  # between two that join one after the other: room for twenty moves into one place before ranks are spread
+SPREAD_FIRST, ROOM_LEAST = 16, 2**12  # jobs whose ranks are spread at least, and the room between two that this has to give
 FIRST, LAST = 1, 9  # priorities
 
 
@@ -113,11 +114,10 @@ def insert_between(connection: Connection, lane: Lane, job_id: str, before: Plac
     priority = min(max(own[0], low), high)
     rank = _rank_between(before, after, priority, own[1])
     if rank is None:
-        spread(connection, lane)
-        before = _again(connection, before)
-        after = _again(connection, after)
-        rank = _rank_between(before, after, priority, own[1])
-        assert rank is not None  # GAP apart now
+        assert before is not None  # room is missing only between two
+        spread_behind(connection, lane, before, job_id)
+        rank = _rank_between(before, _again(connection, after), priority, own[1])
+        assert rank is not None  # there is room now
     connection.execute(update(jobs).where(jobs.c.id == job_id).values(priority=priority, rank=rank))
     changed(connection, lane)
 
@@ -141,12 +141,21 @@ def _rank_between(before: Place | None, after: Place | None, priority: int, own:
     return middle if low < middle < high else None
 
 
-def spread(connection: Connection, lane: Lane) -> None:
-    """Give the jobs of a lane ranks that are GAP apart, in the order in which they stand."""
-    found = connection.execute(select(jobs.c.seq).where(_in(lane)).order_by(*PLACE)).scalars().all()
-    first = last_rank(connection) + GAP
-    for number, seq in enumerate(found):
-        connection.execute(update(jobs).where(jobs.c.seq == seq).values(rank=first + number * GAP))
+def spread_behind(connection: Connection, lane: Lane, place: Place, without: str) -> None:
+    """Make room right behind a place: the jobs of its priority that follow are spread over the room that they have, as few as it takes."""
+    behind = (_in(lane), jobs.c.priority == place[0], tuple_(jobs.c.rank, jobs.c.seq) > tuple_(place[1], place[2]), jobs.c.id != without)
+    count = SPREAD_FIRST
+    while True:
+        query = select(jobs.c.seq, jobs.c.rank).where(*behind).order_by(jobs.c.rank, jobs.c.seq).limit(count + 1)
+        found = connection.execute(query).all()
+        moved = found[:count]
+        room = found[count].rank - place[1] if len(found) > count else GAP * (len(moved) + 1)
+        gap = room // (len(moved) + 1)
+        if gap >= ROOM_LEAST or len(found) <= count:
+            break
+        count *= 4
+    for number, row in enumerate(moved, 1):
+        connection.execute(update(jobs).where(jobs.c.seq == row.seq).values(rank=place[1] + number * gap))
 
 
 def set_priority(connection: Connection, job_id: str, priority: int) -> None:

@@ -292,6 +292,7 @@ export interface Job {
   after: { job: string; name: string; state: string; until: string; met: boolean }[];
   not_before: number | null;
   priority: number;
+  rank: number;
   tags: string[];
   made_from: string | null;
   made_how: string;

@@ -7,7 +7,7 @@ import { JobState } from "./JobState";
 
 const say = words.jobs;
 
-export function Entry({ job }: { job: Job }) {
+export function Entry({ job, withNote = true }: { job: Job; withNote?: boolean }) {
   const isWorkedOn = ["planning", "posting", "proving", "running", "held"].includes(job.state);
   const open = () => {
     takeJob(job);
@@ -17,7 +17,7 @@ export function Entry({ job }: { job: Job }) {
     <button type="button" class="job-entry" onClick={open}>
       <span class="job-title">{job.name}</span>
       <JobState state={job.state} />
-      <span class="muted job-note">{job.error?.detail || job.why || `${job.material} · ${job.layers || words.dash} ${say.layers.toLowerCase()}`}</span>
+      <span class="muted job-note">{job.error?.detail || (withNote && job.why) || `${job.material} · ${job.layers || words.dash} ${say.layers.toLowerCase()}`}</span>
       <span class="muted">{job.duration_s > 0 ? duration(job.duration_s) : ""}</span>
       {job.tags.length > 0 && (
         <span class="job-tags">

@@ -27,7 +27,7 @@ export function QueueView() {
 
 /** Jobs that wait in a lane; changes whenever one of them does. */
 function standing(state: string): string {
-  return [...jobs.value.values()].map((job) => (job.state === state ? `${job.id} ${job.why} ${job.priority}` : "")).join();
+  return [...jobs.value.values()].map((job) => (job.state === state ? `${job.id} ${job.why} ${job.priority}/${job.rank}` : "")).join();
 }
 
 function LaneList({ lane, title }: { lane: Lane; title: string }) {
@@ -56,7 +56,7 @@ function LaneList({ lane, title }: { lane: Lane; title: string }) {
           <li key={job.id}>
             <span class="queue-position">{say.position(whole(k + 1))}</span>
             <div class="queue-job">
-              <Entry job={job} />
+              <Entry job={job} withNote={false} />
               <Waits job={job} />
             </div>
             <Moves job={job} isFirst={k === 0} isLast={k === queue.length - 1} move={(to, button) => void move(job, to, button)} />

@@ -17,7 +17,7 @@ function standing(table: TableState): string {
 }
 
 export function TablePanel() {
-  const depends = [...jobs.value.values()].map((job) => `${job.state}${job.table_clear}${job.cleared_at}`).join();
+  const depends = [...jobs.value.values()].map((job) => `${job.state}${job.table_clear}${job.cleared_at}${job.priority}/${job.rank}${job.after.length}${job.not_before}`).join();
   const [table, setTable] = useDocument<TableState>("/table", depends);
   const [hasLooked, setLooked] = useState(false);
   const [busy, setBusy] = useState(false);

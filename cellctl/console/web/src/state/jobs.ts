@@ -35,11 +35,12 @@ export async function readJobs(): Promise<void> {
   jobs.value = next;
 }
 
-/** The first queued job whose table nobody has confirmed, and the first that waits for approval. */
+/** The first in the queue whose table nobody has confirmed and that waits for nothing else, and the oldest that waits for approval. */
 export const waiting = computed(() => {
   const oldestFirst = [...newestFirst.value].reverse();
+  const inOrder = oldestFirst.filter((job) => job.waits_for.every(({ kind }) => kind === "table")).sort((a, b) => a.priority - b.priority || a.rank - b.rank);
   return {
-    table: oldestFirst.find((job) => job.state === "queued" && !job.table_clear),
+    table: inOrder.find((job) => job.state === "queued" && !job.table_clear),
     approval: oldestFirst.find((job) => job.state === "waiting_for_approval"),
   };
 });
