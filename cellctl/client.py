@@ -207,8 +207,8 @@ class Client:
         """One Job."""
         return self.get(f"jobs/{job_id}")
 
-    def jobs(self, state: str | None = None) -> Iterator[Document]:
-        """All jobs, newest first, page by page."""
+    def jobs(self, state: str | None = None, **asked: str | None) -> Iterator[Document]:
+        """All jobs, newest first, page by page. asked: tag, material, part, text, by, as GET /api/v1/jobs takes them"""
         return self.every("jobs", state=state)
 
     def approve(

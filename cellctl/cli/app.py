@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import typer
 
-from cellctl.cli import files, models, remote, service, tokens, users
+from cellctl.cli import files, job_life, models, remote, service, tokens, users
 from cellctl.cli.audit import audit
 from cellctl.cli.backup import backup, restore
 from cellctl.cli.going_on import go_on
@@ -24,7 +24,10 @@ app = typer.Typer(
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (service.demo, service.serve, service.sim, service.doctor, audit, backup, restore),
     "Files": (files.plan, files.show, files.post, prove, models.model),
-    "Jobs": (remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on),
+    "Jobs": (
+        remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on, job_life.queue, job_life.table, job_life.rerun,
+        job_life.retry, job_life.note,
+    ),
     "Cell": (
         remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position, remote.override,
         remote.jog, remote.control,

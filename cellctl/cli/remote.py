@@ -91,13 +91,16 @@ def show_job(job: dict[str, Any], json: bool) -> None:
 
 def jobs(
     state: Annotated[str | None, typer.Option("--state", help="Only jobs in this state.")] = None,
+    tag: Annotated[str | None, typer.Option("--tag", help="Only jobs with this tag.")] = None,
+    text: Annotated[str | None, typer.Option("--text", help="Only jobs with these words in name, tags, reason or notes.")] = None,
+    by: Annotated[str | None, typer.Option("--by", help="Only jobs that this person submitted.")] = None,
     url: Url = None,
     run: RunFolder = DEFAULT_RUN,
     json: Json = False,
 ) -> None:
     """All jobs, newest first."""
     with connect(url, run) as client:
-        found = list(client.jobs(state))
+        found = list(client.jobs(state, tag=tag, text=text, by=by))
     if json:
         output.as_json(found)
         return
