@@ -19,16 +19,19 @@ function moved(now: number, before: number | undefined): string {
 export function EstimateBox({ state }: { state: Estimating }) {
   const { estimate, before, problem, isBusy } = state;
   return (
-    <section class={`panel estimate ${isBusy ? "is-asked" : ""}`} aria-label={say.title} aria-busy={isBusy}>
-      <div class="panel-head">
-        <h2>{say.title}</h2>
-        <span class="muted" role="status">
-          {isBusy ? say.busy : estimate ? say.range(decimal(100 * estimate.uncertainty, 0)) : ""}
-        </span>
-      </div>
-      <Problem of={problem} />
-      {estimate && !problem && <Figures of={estimate} before={before} />}
-    </section>
+    <>
+      <section class={`panel estimate ${isBusy ? "is-asked" : ""}`} aria-label={say.title} aria-busy={isBusy}>
+        <div class="panel-head">
+          <h2>{say.title}</h2>
+          <span class="muted" role="status">
+            {isBusy ? say.busy : estimate ? say.range(decimal(100 * estimate.uncertainty, 0)) : ""}
+          </span>
+        </div>
+        <Problem of={problem} />
+        {estimate && !problem && <Figures of={estimate} before={before} />}
+      </section>
+      {estimate && !problem && <Behind of={estimate} />}
+    </>
   );
 }
 
@@ -51,6 +54,14 @@ function Figures({ of, before }: { of: Estimate; before: Estimate | null }) {
         />
       </dl>
       <Shares of={of} />
+    </>
+  );
+}
+
+/** What is missing for a cost, and how the figures were found. */
+function Behind({ of }: { of: Estimate }) {
+  return (
+    <section class="panel behind" aria-label={say.basis}>
       {of.missing.length > 0 && (
         <p class="missing">
           {say.missing} {of.missing.map((rate) => say.rate(rate.field, rate.unit, say.files[rate.file] ?? rate.file, rate.name)).join("; ")}
@@ -65,7 +76,7 @@ function Figures({ of, before }: { of: Estimate; before: Estimate | null }) {
           ))}
         </ul>
       </details>
-    </>
+    </section>
   );
 }
 

@@ -1,7 +1,6 @@
 // What was found in a mesh: mended or not, said in a word and a sign; a place can be shown on the part.
 import type { Finding } from "../api/types";
 import { words } from "../words";
-import { fixed } from "../words/format";
 
 const say = words.parts;
 
@@ -13,10 +12,7 @@ export function Found({ findings, shown, show }: { findings: Finding[]; shown?: 
       {findings.map((found, index) => (
         <li key={index}>
           <b class={`badge tone-${found.mended ? "run" : "fault"}`}>{found.mended ? `✓ ${say.mended}` : `▲ ${say.notMended}`}</b>
-          <span class="grow">
-            {found.text}
-            {found.place_mm && <small class="muted"> {say.at(found.place_mm.map((value) => fixed(value, 1)).join(", "))}</small>}
-          </span>
+          <span class="grow">{found.text}</span>
           {found.place_mm && show && (
             <button type="button" class="small" aria-pressed={shown === index} onClick={() => show(shown === index ? null : index)}>
               {say.showPlace}

@@ -33,7 +33,6 @@ export const parts: typeof english = {
   noFindings: "Keine Befunde: Das Netz ist geschlossen und sauber.",
   mended: "behoben",
   notMended: "nicht behoben",
-  at: (place: string) => `bei (${place}) mm`,
   showPlace: "Zeigen",
   picture: (name: string) => `3-D-Ansicht von ${name}`,
   looks: "Ansicht",

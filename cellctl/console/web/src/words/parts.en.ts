@@ -32,7 +32,6 @@ export const parts = {
   noFindings: "Nothing was found: the mesh is closed and clean.",
   mended: "mended",
   notMended: "not mended",
-  at: (place: string) => `at (${place}) mm`,
   showPlace: "Show",
   picture: (name: string) => `3-D view of ${name}`,
   looks: "View",
