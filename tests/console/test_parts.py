@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from pathlib import Path
 
 import pytest
 import trimesh
@@ -37,7 +36,7 @@ def drop(page: Page, name: str, data: bytes) -> None:
 
 
 def figure(page: Page, name: str) -> str:
-    expect(page.locator(".estimate")).to_have_attribute("aria-busy", "false")
+    expect(page.locator(".estimate")).to_have_attribute("aria-busy", "false", timeout=PLANNED_MS)
     return str(page.locator(f"[data-figure={name}] b").inner_text())
 
 
@@ -56,7 +55,7 @@ def test_engineer_drops_a_part_previews_submits_reads_approves_and_compares(page
     expect(entry.locator(".unit-size").last).to_contain_text("406.4 × 254.0 × 50.8 mm")
     entry.get_by_label("mm", exact=False).first.check()
     entry.get_by_role("button", name="Upload").click()
-    expect(entry).to_contain_text("Uploaded and checked")
+    expect(entry).to_contain_text("Uploaded and checked", timeout=PLANNED_MS)
     expect(entry.locator(".found")).to_contain_text("mended")
     expect(page.locator(".card img").first).to_have_js_property("naturalWidth", 240)
     entry.get_by_role("button", name="Open part").click()
