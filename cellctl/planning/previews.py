@@ -112,5 +112,8 @@ class Previews:
             await to_its_end(kill(process))
 
     async def close(self) -> None:
-        """End the process."""
-        await self._end()
+        """End the process. Whoever waits for its answer reads its end first: two cannot read one pipe."""
+        if self._process is not None and self._process.returncode is None:
+            self._process.kill()
+        async with self._lock:
+            await self._end()
