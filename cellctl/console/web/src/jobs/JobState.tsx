@@ -14,11 +14,12 @@ const TONES: Record<string, string> = {
 };
 const SIGNS: Record<string, string> = { run: "●", hold: "❚❚", wait: "◷", fault: "▲", off: "✕" };
 
-export function JobState({ state }: { state: string }) {
+/** isPast: a state that the job was in, not the one that it is in. */
+export function JobState({ state, isPast = false }: { state: string; isPast?: boolean }) {
   const tone = TONES[state] ?? "wait";
   const sign = state === "completed" ? "✓" : SIGNS[tone];
   return (
-    <span class={`job-state tone-${tone}`} data-state={state}>
+    <span class={`job-state tone-${tone}`} data-state={isPast ? undefined : state}>
       <i aria-hidden="true">{sign}</i> {words.jobs.states[state] ?? state}
     </span>
   );

@@ -16,7 +16,7 @@ export function Life({ job }: { job: Job }) {
       <ol class="life">
         {life.items.map((step, k) => (
           <li key={k}>
-            <JobState state={step.state} />
+            <JobState state={step.state} isPast />
             <span class="muted">
               <time dateTime={new Date(step.at * 1000).toISOString()}>{moment(step.at)}</time>
               {step.lasted_s !== null && step.lasted_s >= 1 && `, ${say.lasted(duration(step.lasted_s))}`}
