@@ -18,14 +18,14 @@ const CALM_MS = 1000; // the same where much is drawn
 const CALM_S = 300;
 const MARKS_SHOWN = 40;
 
-const cursorRow = signal<number | null>(null);
+const cursorAt = signal<number | null>(null); // Unix s, on all charts at once; null: nowhere
 const drawnCount = signal(0);
 
 function connect(host: HTMLElement, chart: Chart): () => void {
   let plot: uPlot | null = null;
   const build = () => {
     plot?.destroy();
-    plot = new uPlot(optionsOf(chart, host.clientWidth, host.clientHeight, (row) => (cursorRow.value = row)), rowsOf(chart, drawn()), host);
+    plot = new uPlot(optionsOf(chart, host.clientWidth, host.clientHeight), rowsOf(chart, drawn()), host);
   };
   const stopTheme = effect(() => {
     void theme.value;
@@ -36,16 +36,51 @@ function connect(host: HTMLElement, chart: Chart): () => void {
     void [window_.value, loadedCount.value, drawnCount.value, marks.value, pointed.value];
     draw();
   });
+  const stopCursor = effect(() => {
+    const at = cursorAt.value;
+    plot?.setCursor(at === null ? { left: -10, top: -10 } : { left: plot.valToPos(at, "x"), top: 0 }, false);
+  });
   const resizer = new ResizeObserver(() => plot?.setSize({ width: host.clientWidth, height: host.clientHeight }));
   resizer.observe(host);
+  const unpoint = followPointer(host, (x) => plot && plot.posToVal(x - plot.over.getBoundingClientRect().left, "x"));
   const deaf = listen(host, () => (plot ? plot.bbox.width / devicePixelRatio : host.clientWidth));
   return () => {
     resizer.disconnect();
     stopTheme();
     stopDrawing();
+    stopCursor();
     deaf();
+    unpoint();
     plot?.destroy();
   };
+}
+
+/** The cursor is where the pointer is; a finger leaves it where it was lifted, a mouse takes it along. */
+function followPointer(host: HTMLElement, timeOf: (x: number) => number | null): () => void {
+  const move = (event: PointerEvent) => (cursorAt.value = timeOf(event.clientX));
+  const leave = (event: PointerEvent) => {
+    if (event.pointerType === "mouse") cursorAt.value = null;
+  };
+  host.addEventListener("pointermove", move);
+  host.addEventListener("pointerdown", move);
+  host.addEventListener("pointerleave", leave);
+  return () => {
+    host.removeEventListener("pointermove", move);
+    host.removeEventListener("pointerdown", move);
+    host.removeEventListener("pointerleave", leave);
+  };
+}
+
+/** The last row that is not later than `at`; -1 if there is none. */
+function rowAt(times: readonly number[], at: number): number {
+  let low = 0;
+  let high = times.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if ((times[middle] ?? 0) <= at) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
 }
 
 /** Draws anew and asks again while the page is open. */
@@ -105,11 +140,11 @@ function Values({ chart }: { chart: Chart }) {
   void [drawnCount.value, loadedCount.value, window_.value];
   const rows = drawn();
   const [, to] = edges();
-  const behind = rows.at.findIndex((at) => at > to);
-  const row = cursorRow.value ?? (behind < 0 ? rows.at.length : behind) - 1;
+  const pointedAt = cursorAt.value;
+  const row = rowAt(rows.at, pointedAt ?? to);
   return (
     <>
-      {cursorRow.value !== null && rows.at[row] !== undefined && <time class="muted">{clock(rows.at[row])}</time>}
+      {pointedAt !== null && <time class="muted">{clock(pointedAt)}</time>}
       {chart.lines.map(({ channel, label, colourName, set }) => (
         <span key={channel} class={`key ${set ? "set" : colourName}`}>
           {label} <b>{fixed(rows.of(channel, "mean")[row] ?? undefined, chart.decimals)}</b>

@@ -1,7 +1,7 @@
 // The charts of the trends page: which channels stand together, in which colour, and how one is drawn.
-import uPlot from "uplot";
+import type uPlot from "uplot";
 import { colour } from "../state/theme";
-import { drawn, edges, marks, pointed, type Drawn } from "../state/history";
+import { edges, marks, pointed, type Drawn } from "../state/history";
 import type { Channel } from "../state/trends";
 import type { TrendMark } from "../api/types";
 import { words } from "../words";
@@ -9,7 +9,6 @@ import { axisTime, fixed } from "../words/format";
 
 const say = words.trendPage;
 const FONT = "12px system-ui, sans-serif";
-const SYNC = "trends";
 const AXIS_PX = 48;
 
 /** set : dashed and without its least and greatest, which are those of the read-back */
@@ -137,15 +136,15 @@ function bandsOf(chart: Chart): uPlot.Band[] {
   return bands;
 }
 
-/** uPlot's options of a chart. onCursor : told the row under the cursor, null when it has left */
-export function optionsOf(chart: Chart, width: number, height: number, onCursor: (row: number | null) => void): uPlot.Options {
+/** uPlot's options of a chart. */
+export function optionsOf(chart: Chart, width: number, height: number): uPlot.Options {
   const axis = { stroke: colour("muted"), font: FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
   return {
     width,
     height,
     padding: [8, 12, 0, 0],
     legend: { show: false },
-    cursor: { sync: { key: SYNC }, drag: { x: false, y: false }, points: { show: false }, x: true, y: false },
+    cursor: { drag: { x: false, y: false }, points: { show: false }, x: true, y: false },
     scales: {
       x: { time: false, range: () => edges() },
       y: { range: (_plot, _low, high) => [0, Math.max(chart.least, (high ?? 0) * 1.08)] },
@@ -156,15 +155,8 @@ export function optionsOf(chart: Chart, width: number, height: number, onCursor:
     ],
     series: seriesOf(chart),
     bands: bandsOf(chart),
-    hooks: { draw: [drawMarks], setCursor: [(plot) => onCursor(plot.cursor.idx ?? null)] },
+    hooks: { draw: [drawMarks] },
   };
 }
 
 const INCREMENTS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 21600, 43200, 86400, 172800, 604800, 1209600, 2592000, 7776000];
-
-/** Draw all charts anew. */
-export function drawAll(plots: readonly [Chart, uPlot][]): Drawn {
-  const rows = drawn();
-  for (const [chart, plot] of plots) plot.setData(rowsOf(chart, rows));
-  return rows;
-}
