@@ -9,6 +9,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from planner.errors import MeshError
+from planner.mesh.archive import refuse_hostile
 from planner.mesh.facets import bounds_of
 from planner.mesh.findings import place_text
 from planner.mesh.placements import MAX_PLACED, placed_bodies
@@ -120,6 +121,8 @@ def _read_with_trimesh(data: bytes, kind: str, units: str) -> tuple[Floats, Ints
     if kind == ".3mf":
         _refuse_swollen(data)
     try:
+        if kind == ".3mf":
+            refuse_hostile(data)
         placed = _placed(data) if kind == ".3mf" else None
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False, skip_materials=True)
         stated = _UNITS_OF_3MF.get(str(scene.units), str(scene.units)) if kind == ".3mf" and scene.units else units
