@@ -51,7 +51,9 @@ def patient(table: Any) -> Any:
 class RunningCell:
     """`python -m sim` and `cellctl serve` in a directory of their own. Use as a context manager."""
 
-    def __init__(self) -> None:
+    def __init__(self, **simulation: Any) -> None:
+        """simulation : facts of the simulated plant beside the shipped cell file's"""
+        self._simulation = simulation
         self.folder = Path(tempfile.mkdtemp(prefix="console-"))
         self.run = self.folder / "run"
         self.url = ""
@@ -97,6 +99,7 @@ class RunningCell:
             path.write_text(tomli_w.dumps(patient(device)), encoding="utf-8")
             link.update(device=str(path), tcp_port=0)
         facts = patient(facts)
+        facts["simulation"] = {**facts.get("simulation", {}), **self._simulation}
         path = self.folder / "given.toml"
         path.write_text(tomli_w.dumps(facts), encoding="utf-8")
         return path

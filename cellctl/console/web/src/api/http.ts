@@ -76,7 +76,7 @@ export async function post<T>(path: string, body: object, idempotencyKey?: strin
 }
 
 /** POST or PATCH a JSON body that is answered without one, or with one that does not matter. */
-export async function send(method: "POST" | "PATCH", path: string, body: object): Promise<void> {
+export async function send(method: "POST" | "PATCH" | "PUT", path: string, body: object): Promise<void> {
   await checked(path, { method, headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 }
 
