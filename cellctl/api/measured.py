@@ -87,7 +87,7 @@ def _fitted(cell: Cell, body: TouchOff) -> Found:
     for point in body.points:
         if set(point.joints) != set(cell.letters):
             raise ApiError(422, TITLE, f"a point has axes {', '.join(point.joints)}", f"this machine has {', '.join(cell.letters)}")
-    points = [Touched(point.joints, point.tool) for point in body.points]
+    points = [Touched(dict(point.joints), point.tool) for point in body.points]
     try:
         if body.kind == "pivot":
             return touch_off.centre_of_rotation(cell, body.axis or "", points)

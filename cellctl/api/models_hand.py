@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
 from cellctl.api.models import Because, Strict
 
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Ident = Field(None, min_length=1, max_length=100, description="id of the command: said twice it is carried out once")
 
 
@@ -50,7 +51,7 @@ class Told(Strict):
 class Point(Strict):
     """A touched point as the cell has told it. joints : machine coordinates per axis letter, mm or deg"""
 
-    joints: dict[str, float]
+    joints: dict[str, Coordinate] = Field(max_length=9)
     tool: int = Field(ge=1, le=99)
 
 
