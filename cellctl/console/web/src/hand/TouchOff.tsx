@@ -10,6 +10,7 @@ import { fixed } from "../words/format";
 import { Picture, type Kind } from "./Pictures";
 
 const say = words.hand;
+const LEAST: Record<Kind, number> = { pivot: 3, plane: 3, origin: 1, tool: 1 }; // points without which nothing is to be fitted
 const KINDS: readonly Kind[] = ["pivot", "plane", "origin", "tool"];
 
 interface Point {
@@ -42,7 +43,7 @@ export function TouchOff() {
   useEffect(() => {
     setResult(null);
     setProblem("");
-    if (points.length === 0) return;
+    if (points.length < LEAST[kind]) return;
     let isOld = false;
     post<Result>("/cell/touch_off/fit", asked).then(
       (found) => !isOld && setResult(found),
@@ -89,6 +90,7 @@ export function TouchOff() {
         </button>
       </div>
       <Points points={points} result={result} remove={(at) => setPoints(points.filter((_, other) => other !== at))} />
+      {points.length > 0 && points.length < LEAST[kind] && <p class="muted">{say.more(LEAST[kind] - points.length)}</p>}
       {problem && points.length > 0 && <p class="muted">{problem}</p>}
       {result && <Outcome result={result} asked={asked} done={() => setPoints([])} />}
     </section>

@@ -70,6 +70,7 @@ export const hand: typeof english = {
   block: "Endmaß, mm",
   here: "Hier",
   noPoints: "Noch keine Punkte.",
+  more: (n: number) => `Noch ${n} ${n > 1 ? "Punkte" : "Punkt"} nötig.`,
   point: "Punkt",
   residual: "ab, mm",
   removePoint: (n: number) => `Punkt ${n} entfernen`,

@@ -69,6 +69,7 @@ export const hand = {
   block: "Gauge block, mm",
   here: "Here",
   noPoints: "No points yet.",
+  more: (n: number) => `${n} more point${n > 1 ? "s" : ""} needed.`,
   point: "Point",
   residual: "off, mm",
   removePoint: (n: number) => `Remove point ${n}`,
