@@ -19,7 +19,7 @@ NOT_AT_THE_MACHINE = ".skip, .proof-report"
 
 SMALL = """([least, exempt]) => [...document.querySelectorAll('button, a[href], input, select, textarea, summary, [role=button], [role=tab]')]
   .filter((one) => !one.matches(exempt) && one.checkVisibility({ visibilityProperty: true }) && !one.closest('[inert]'))
-  .map((one) => [one, (one.matches('[type=checkbox], [type=radio]') && one.closest('label')) || one])
+  .map((one) => [one, (one.matches('[type=checkbox], [type=radio], [type=file]') && one.closest('label')) || one])
   .map(([one, target]) => [one, target.getBoundingClientRect()])
   .filter(([, box]) => box.width > 0 && (box.width < least - 0.5 || box.height < least - 0.5))
   .map(([one, box]) => [one.tagName, one.className, `"${(one.textContent || one.name || '').trim().slice(0, 30)}"`,
