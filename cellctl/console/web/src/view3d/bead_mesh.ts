@@ -31,7 +31,7 @@ export class BeadMesh {
     this.mesh.visible = end > start;
   }
 
-  /** Colour every corner by the vertex of the path that it belongs to. rgba: (256, 4), of: the row for a vertex */
+  /** Colour every corner by the vertex of the path that it belongs to; channels 0 to 255. */
   paint(rgb: (vertex: number) => [number, number, number]): void {
     const { vertexOf } = this.beads;
     const known = this.mesh.geometry.getAttribute("color") as BufferAttribute | undefined;

@@ -19,6 +19,8 @@ export interface BeadSource {
   values: Uint16Array;
   /** Width and height, mm, and the direction in which the layer grows, at a vertex of the path. */
   at(vertex: number): { width: number; height: number; up: [number, number, number] };
+  /** Whether a vertex is left out because the beads of another layer stand for its own too. */
+  isLeftOut?(vertex: number): boolean;
 }
 
 export type Which = "contours" | "inside" | "all";
@@ -27,6 +29,7 @@ function isLaid(source: BeadSource, vertex: number, which: Which): boolean {
   const flags = source.positions[4 * vertex + 3]!;
   const process = flags >> PROCESS_SHIFT;
   if (flags & (FIRST | LINK) || process >= DEPOSITS || source.values[4 * vertex + 1]! === 0) return false;
+  if (source.isLeftOut?.(vertex)) return false;
   return which === "all" || (which === "contours") === (process === CONTOUR);
 }
 

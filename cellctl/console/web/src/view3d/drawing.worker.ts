@@ -48,7 +48,7 @@ function withBeads(ask: Asked, drawing: Drawing, bytes: number): Made {
   if (ask.kind === "layer") made.beads = beadsOf(layerSource(drawing), "all", 5);
   if (ask.kind === "whole") {
     const pieces = drawing.arrays.position!.length / 4;
-    const source = wholeSource(drawing, ask.normals);
+    const source = wholeSource(drawing, ask.normals, Math.ceil(pieces / ask.beadPieces));
     made.contours = some(source, "contours", ask.beadPieces);
     if (pieces <= ask.beadPieces) made.inside = some(source, "inside", ask.beadPieces);
   }
@@ -92,24 +92,27 @@ function layerSource(drawing: Drawing): BeadSource {
   };
 }
 
-function wholeSource(drawing: Drawing, normals: Float32Array): BeadSource {
+/** every: of so many layers one is drawn, as high as all of them. */
+function wholeSource(drawing: Drawing, normals: Float32Array, every: number): BeadSource {
   const layers = drawing.arrays.layers as Int32Array;
   const beads = drawing.arrays.beads as Float32Array;
   let layer = 0;
   const read = (n: number) => ({
     width: beads[2 * n] || 1,
-    height: beads[2 * n + 1] || beads[2 * n] || 1,
+    height: every * (beads[2 * n + 1] || beads[2 * n] || 1),
     up: [normals[3 * n] ?? 0, normals[3 * n + 1] ?? 0, normals[3 * n + 2] ?? 1] as [number, number, number],
   });
   let found = read(0);
-  return {
-    ...common(drawing),
-    at(vertex) {
-      const before = layer;
-      while (layer > 0 && vertex < layers[layer]!) layer--;
-      while (layer + 2 < layers.length && vertex >= layers[layer + 1]!) layer++;
-      if (layer !== before) found = read(layer);
-      return found;
-    },
+  const at = (vertex: number) => {
+    const before = layer;
+    while (layer > 0 && vertex < layers[layer]!) layer--;
+    while (layer + 2 < layers.length && vertex >= layers[layer + 1]!) layer++;
+    if (layer !== before) found = read(layer);
+    return found;
   };
+  const isLeftOut = (vertex: number) => {
+    at(vertex);
+    return layer % every !== 0;
+  };
+  return every > 1 ? { ...common(drawing), at, isLeftOut } : { ...common(drawing), at };
 }

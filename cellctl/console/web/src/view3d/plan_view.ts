@@ -38,7 +38,7 @@ export interface Costs extends Figures {
 
 const BEADS_HARDWARE = 220_000; // vertices of the whole up to which all its beads are drawn, beyond only contours
 const BEADS_SOFTWARE = 40_000;
-const DIM = { waiting: 0.3, plain: 1, underMetal: 0.0 };
+const DIM = { waiting: 0.3, plain: 1 };
 
 export class PlanView {
   readonly stage: Stage;
@@ -79,7 +79,7 @@ export class PlanView {
     this.stage.draw();
   }
 
-  /** Show a plan, or none. programSha256: of its program, for times */
+  /** Show a plan, or none. */
   setPlan(shown: PlanOfJob | null): void {
     this.aborter.abort();
     this.aborter = new AbortController();

@@ -36,7 +36,6 @@ export interface Moment {
 }
 
 const KEPT_BYTES = 24e6;
-const PROCESS_LINE = 2;
 
 /** Last place of a sorted array whose value is at most v. */
 export function lastAtMost(values: ArrayLike<number>, v: number, from = 0, to = values.length): number {
@@ -97,16 +96,6 @@ export class Track {
     if (!made) return null;
     const row = Math.min(Math.max(0, line - this.index.chunks[n]!.first_line), this.index.chunks[n]!.lines - 1);
     return this.moment(n, made, row, this.along(made, row, tip));
-  }
-
-  /** Where the tip has come a length of way; null until its lines are here. Source: `arc_mm` of the job on the cell. */
-  timeOfLine(line: number): number | null {
-    const n = Math.max(0, lastAtMost(this.firsts, line));
-    const made = this.need(n);
-    if (!made) return null;
-    const chunk = this.index.chunks[n]!;
-    const row = Math.min(Math.max(0, line - chunk.first_line), chunk.lines - 1);
-    return chunk.time_start_s + (made.arrays.time as Float32Array)[row]!;
   }
 
   /** Lines of a layer, where they are here: for its colours by time. */
@@ -196,9 +185,4 @@ export class Track {
     this.aborter.abort();
     this.chunks.clear();
   }
-}
-
-/** Whether a moment lies on a line that works the metal. */
-export function isAtWork(moment: Moment): boolean {
-  return moment.kind === PROCESS_LINE;
 }
