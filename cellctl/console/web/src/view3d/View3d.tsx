@@ -46,14 +46,14 @@ function momentNow(view: PlanView) {
   const lines = view.track;
   if (!lines) return null;
   if (shownMode.value === "scrub") return lines.atTime(scrubTime.value);
-  const now = snapshot.value;
-  if (!now || !onCell.value) return null;
+  const now = onCell.value ? snapshot.value : null;
+  if (!now) return null;
   const line = now.lines.executing > 0 ? now.lines.executing - 1 : now.lines.executed - 1;
   return line < 0 ? null : lines.atLine(line, now.tip);
 }
 
 function show(view: PlanView): void {
-  const now = snapshot.value;
+  const now = onCell.value ? snapshot.value : null; // without a job on the cell no snapshot draws a frame
   const isLayer = shownMode.value === "layer";
   const found = isLayer && !onCell.value ? null : momentNow(view);
   if (!isLayer) moment.value = found ?? (shownMode.value === "scrub" ? moment.peek() : null);
