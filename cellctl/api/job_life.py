@@ -109,8 +109,9 @@ async def _submitted(service: Service, answer: dict[str, Any], is_new: bool) -> 
 
 def _like(job: JobRow, person: Person, now: float, how: str, **fields: Any) -> JobRow:
     """A fresh job of the same part, recipe and priority."""
-    values = {"recipe_toml": job.recipe_toml, "material": job.material, "name": job.name, "tags": job.tags} | fields
-    values = {"material_sha256": job.material_sha256, "cell_sha256": job.cell_sha256} | values  # the same versions, unless it is changed
+    values: dict[str, Any] = {"recipe_toml": job.recipe_toml, "material": job.material, "name": job.name, "tags": job.tags}
+    values |= {"material_sha256": job.material_sha256, "cell_sha256": job.cell_sha256}  # the same versions, unless it is changed
+    values |= fields
     return JobRow(
         id=new_id("job", now), part_id=job.part_id, cell=job.cell, created_at=now, created_by=person.name, priority=job.priority,
         made_from=job.id, made_how=how, **values,

@@ -26,10 +26,10 @@ from cellctl.api.models_hand import (
 )
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer, needs
-from cellctl.domain import touch_off
 from cellctl.domain.jobs import JobState
 from cellctl.domain.measured import Measured, MeasuredError, ToolMeasured, check
-from cellctl.domain.touch_off import Found, Touched, TouchOffError
+from cellctl.measuring import touch_off
+from cellctl.measuring.touch_off import Found, Touched, TouchOffError
 from cellctl.store import audit, jobs, measured
 from cellctl.store.tokens import Role
 from config.cell import Cell

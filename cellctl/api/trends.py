@@ -86,7 +86,7 @@ def _columns(found: Trend) -> dict[str, Any]:
 
 
 def _arrow(found: Trend) -> bytes:
-    import pyarrow as pa  # type: ignore[import-untyped]  # heavy, and seldom asked for
+    import pyarrow as pa  # heavy, and seldom asked for
 
     columns = _columns(found)
     table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})

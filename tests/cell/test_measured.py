@@ -10,7 +10,7 @@ import pytest
 
 from cellctl.domain.measured import Measured
 from cellctl.domain.states import State
-from cellctl.domain.touch_off import Touched, centre_of_rotation
+from cellctl.measuring.touch_off import Touched, centre_of_rotation
 from config.cell import Cell
 from planner.kinematics.chain import Chain
 from sim.cnc.chain import Chain as PlantChain

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.domain.measured import Measured, MeasuredError, ToolMeasured, applied, check
-from cellctl.domain.touch_off import (
+from cellctl.measuring.touch_off import (
     Touched,
     TouchOffError,
     centre_of_rotation,
