@@ -1,8 +1,8 @@
 """A small typed client of the REST interface: parts, uploads, jobs, materials, the cell and its events.
 
-Documents are dicts with the fields that /openapi.json describes. Every call raises ServiceError: `message` says what is wrong, `hint`
-what to do, `type` names the kind for programs. A file above LARGE_BYTES is sent in pieces and goes on where it broke off, also in
-another process and after a restart of the service.
+Documents are dicts with the fields that /openapi.json describes, typed in `cellctl.client_documents`. Every call raises ServiceError:
+`message` says what is wrong, `hint` what to do, `type` names the kind for programs. A file above LARGE_BYTES is sent in pieces and goes
+on where it broke off, also in another process and after a restart of the service.
 
     from cellctl.client import Client, ServiceError
 
@@ -31,10 +31,20 @@ import ssl
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import httpx
 
+from cellctl.client_documents import (
+    CellDocument,
+    CommandAnswer,
+    EventItem,
+    Job,
+    MaterialDocument,
+    Part,
+    ProgramHead,
+    Upload,
+)
 from cellctl.client_events import LiveMessage, read_stream
 from cellctl.client_upload import in_pieces
 
@@ -122,7 +132,7 @@ class Client:
         headers = {"Idempotency-Key": key} if key else {}
         return dict(self.request("POST", f"/api/v1/{path}", json=document, headers=headers).json())
 
-    def upload(self, path: Path, units: str = "mm", progress: Callable[[int, int], None] | None = None) -> Document:
+    def upload(self, path: Path, units: str = "mm", progress: Callable[[int, int], None] | None = None) -> Part:
         """Upload a mesh; the Part. Sent again after a lost answer it is the same one. progress : told (bytes sent, bytes)"""
         if path.stat().st_size > LARGE_BYTES:
             return in_pieces(self, path, units, progress or (lambda _done, _total: None))
@@ -135,7 +145,7 @@ class Client:
                 headers={"Idempotency-Key": secrets.token_hex(16)},
                 timeout=UPLOAD_TIMEOUT_S,
             )
-        return dict(answer.json())
+        return cast("Part", dict(answer.json()))
 
     def every(self, path: str, **params: Any) -> Iterator[Document]:
         """All items of a list under /api/v1, newest first, page by page."""
@@ -147,39 +157,39 @@ class Client:
             if cursor is None:
                 return
 
-    def parts(self, text: str | None = None) -> Iterator[Document]:
+    def parts(self, text: str | None = None) -> Iterator[Part]:
         """All Parts, newest first; text : in their name."""
-        return self.every("parts", text=text)
+        return cast("Iterator[Part]", self.every("parts", text=text))
 
-    def part(self, part_id: str) -> Document:
+    def part(self, part_id: str) -> Part:
         """One Part."""
-        return self.get(f"parts/{part_id}")
+        return cast("Part", self.get(f"parts/{part_id}"))
 
-    def materials(self) -> list[Document]:
+    def materials(self) -> list[MaterialDocument]:
         """The newest version of every material."""
-        return list(self.get("materials")["items"])
+        return cast("list[MaterialDocument]", list(self.get("materials")["items"]))
 
-    def material(self, name: str, version: int | None = None) -> Document:
+    def material(self, name: str, version: int | None = None) -> MaterialDocument:
         """A material: its newest version, or that one."""
-        return self.get(f"materials/{name}" if version is None else f"materials/{name}/versions/{version}")
+        return cast("MaterialDocument", self.get(f"materials/{name}" if version is None else f"materials/{name}/versions/{version}"))
 
-    def change_material(self, seen: Document, facts: Document, because: str) -> Document:
+    def change_material(self, seen: MaterialDocument, facts: Document, because: str) -> MaterialDocument:
         """The next version of a material that was read (`seen`). Raises ServiceError 412 if somebody else changed it since."""
         headers = {"If-Match": f'"{seen["sha256"]}-{seen["version"]}"'}
         body = {"facts": facts, "because": because}
-        return dict(self.request("PUT", f"/api/v1/materials/{seen['name']}", json=body, headers=headers).json())
+        return cast("MaterialDocument", dict(self.request("PUT", f"/api/v1/materials/{seen['name']}", json=body, headers=headers).json()))
 
-    def cells(self) -> list[Document]:
+    def cells(self) -> list[CellDocument]:
         """The cell files that services on this store ran."""
-        return list(self.get("cells")["items"])
+        return cast("list[CellDocument]", list(self.get("cells")["items"]))
 
-    def uploads(self) -> list[Document]:
+    def uploads(self) -> list[Upload]:
         """One's own uploads that came in pieces."""
-        return list(self.get("uploads")["items"])
+        return cast("list[Upload]", list(self.get("uploads")["items"]))
 
-    def past_events(self, job_id: str | None = None) -> Iterator[Document]:
+    def past_events(self, job_id: str | None = None) -> Iterator[EventItem]:
         """What happened at the cell, newest first."""
-        return self.every("cell/events", job=job_id)
+        return cast("Iterator[EventItem]", self.every("cell/events", job=job_id))
 
     def events(self, place: str = "", snapshots: bool = False) -> Iterator[LiveMessage]:
         """What happens, for ever; comes back by itself and misses nothing.
@@ -196,20 +206,19 @@ class Client:
         recipe_toml: str | None = None,
         name: str | None = None,
         key: str | None = None,
-    ) -> Document:
+    ) -> Job:
         """Submit a job; the Job."""
         body = {"part_id": part_id, "recipe": recipe, "recipe_toml": recipe_toml, "name": name}
-        return self.post(
-            "jobs", {field: value for field, value in body.items() if value is not None}, key or secrets.token_hex(16)
-        )
+        given = {field: value for field, value in body.items() if value is not None}
+        return cast("Job", self.post("jobs", given, key or secrets.token_hex(16)))
 
-    def job(self, job_id: str) -> Document:
+    def job(self, job_id: str) -> Job:
         """One Job."""
-        return self.get(f"jobs/{job_id}")
+        return cast("Job", self.get(f"jobs/{job_id}"))
 
-    def jobs(self, state: str | None = None, **asked: str | None) -> Iterator[Document]:
+    def jobs(self, state: str | None = None, **asked: str | None) -> Iterator[Job]:
         """All jobs, newest first, page by page. asked: tag, material, part, text, by, as GET /api/v1/jobs takes them"""
-        return self.every("jobs", state=state)
+        return cast("Iterator[Job]", self.every("jobs", state=state, **asked))
 
     def approve(
         self,
@@ -219,10 +228,10 @@ class Client:
         override_reason: str = "",
         table_clear: bool = False,
         part_untouched: bool = False,
-    ) -> Document:
+    ) -> Job:
         """Approve a job; the Job. table_clear, or of a job that continues another part_untouched: a person looked"""
         found = {"table_clear": table_clear, "part_untouched": part_untouched}
-        return self.post(f"jobs/{job_id}/approve", {"because": because, "override_reason": override_reason, **found})
+        return cast("Job", self.post(f"jobs/{job_id}/approve", {"because": because, "override_reason": override_reason, **found}))
 
     def resumption_point(self, job_id: str) -> Document:
         """Where metal ended in a job that was interrupted, and what one may go on from."""
@@ -237,39 +246,39 @@ class Client:
         overlap_mm: float | None = None,
         because: str = "",
         key: str | None = None,
-    ) -> Document:
+    ) -> Job:
         """Go on with the part of an interrupted job, from where metal ended or the begin of a layer or operation; the new Job."""
         start = "layer" if layer is not None else "operation" if operation is not None else "metal_end"
         body = {"from": start, "layer": layer, "operation": operation, "overlap_mm": overlap_mm, "because": because}
-        return self.post(f"jobs/{job_id}/resume", body, key or secrets.token_hex(16))
+        return cast("Job", self.post(f"jobs/{job_id}/resume", body, key or secrets.token_hex(16)))
 
-    def program_head(self, job_id: str) -> Document:
+    def program_head(self, job_id: str) -> ProgramHead:
         """The first lines of a job's program, to be read."""
-        return self.get(f"jobs/{job_id}/program/head")
+        return cast("ProgramHead", self.get(f"jobs/{job_id}/program/head"))
 
-    def cancel(self, job_id: str, because: str = "") -> Document:
+    def cancel(self, job_id: str, because: str = "") -> Job:
         """Cancel a job; the Job."""
-        return self.post(f"jobs/{job_id}/cancel", {"because": because})
+        return cast("Job", self.post(f"jobs/{job_id}/cancel", {"because": because}))
 
-    def command(self, verb: str, because: str = "", **fields: Any) -> Document:
+    def command(self, verb: str, because: str = "", **fields: Any) -> CommandAnswer:
         """Command the cell: start, hold, resume, abort, stop, reset, home, unlock, confirm_position, jog, override."""
-        return self.post(f"cell/{verb}", {"because": because, **fields})
+        return cast("CommandAnswer", self.post(f"cell/{verb}", {"because": because, **fields}))
 
-    def take_control(self, because: str = "") -> Document:
+    def take_control(self, because: str = "") -> CommandAnswer:
         """Take control of the cell; taking it over from another client needs a reason."""
-        return self.post("cell/control", {"action": "take", "because": because})
+        return cast("CommandAnswer", self.post("cell/control", {"action": "take", "because": because}))
 
-    def release_control(self) -> Document:
+    def release_control(self) -> CommandAnswer:
         """Give control of the cell back."""
-        return self.post("cell/control", {"action": "release"})
+        return cast("CommandAnswer", self.post("cell/control", {"action": "release"}))
 
-    def keep_jogging(self) -> Document:
+    def keep_jogging(self) -> CommandAnswer:
         """The button of a continuous jog is still held; said several times within the cell file's jog_repeat_s."""
-        return self.post("cell/jog/keep", {})
+        return cast("CommandAnswer", self.post("cell/jog/keep", {}))
 
-    def end_jog(self) -> Document:
+    def end_jog(self) -> CommandAnswer:
         """The button of a continuous jog was let go."""
-        return self.post("cell/jog/end", {})
+        return cast("CommandAnswer", self.post("cell/jog/end", {}))
 
     def snapshot(self) -> Document:
         """The cell's newest snapshot."""

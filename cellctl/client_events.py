@@ -31,7 +31,8 @@ def messages(lines: Iterator[str], place: str) -> Iterator[LiveMessage]:
     """
     kind, data, told = "", "", place
     for line in lines:
-        name, _, value = line.partition(": ")
+        name, _, value = line.partition(":")
+        value = value.removeprefix(" ")
         if name == "id":
             place = value
         elif name == "event":

@@ -7,10 +7,11 @@ import hashlib
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 if TYPE_CHECKING:
     from cellctl.client import Client
+    from cellctl.client_documents import Part
 
 PIECE_BYTES = 8 << 20
 TRIES = 12  # of one piece; together they outlast a restart of the service
@@ -25,23 +26,25 @@ def _b64(data: bytes) -> str:
     return base64.b64encode(data).decode()
 
 
-def in_pieces(client: Client, path: Path, units: str, progress: Told) -> dict[str, Any]:
-    """Send a file; the Part. An upload of the same content that was begun earlier is gone on with. Raises ServiceError."""
+def in_pieces(client: Client, path: Path, units: str, progress: Told) -> Part:
+    """Send a file; the Part. An upload of the same file that was begun earlier is gone on with, and one that is a part already is that
+    part: whoever lost the answer may ask again. Raises ServiceError."""
     size = path.stat().st_size
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        wanted = {"sha256": sha256, "bytes": size, "units": units, "part_id": None}
-        begun = [item for item in client.uploads() if all(item[name] == value for name, value in wanted.items())]
-        place = f"/api/v1/uploads/{begun[0]['id']}" if begun else _announced(client, path.name, size, units, sha256)
-        offset = _offset(client, place) if begun else 0
+        same = [one for one in client.uploads() if (one["sha256"], one["bytes"], one["units"]) == (sha256, size, units)]
+        begun = [one for one in same if one["part_id"] is None or one["filename"] == path.name]
+        place = f"/api/v1/uploads/{begun[0]['id']}" if begun else announced(client, path.name, size, units, sha256)
+        offset = begun[0]["received"] if begun else 0
         while offset < size:
             progress(offset, size)
-            offset = _sent(client, place, file, offset)
+            offset = sent(client, place, file, offset)
     progress(size, size)
-    return dict(client.request("POST", f"{place}/part", timeout=FINISH_TIMEOUT_S).json())
+    return cast("Part", client.request("POST", f"{place}/part", timeout=FINISH_TIMEOUT_S).json())
 
 
-def _announced(client: Client, name: str, size: int, units: str, sha256: str) -> str:
+def announced(client: Client, name: str, size: int, units: str, sha256: str) -> str:
+    """Begin an upload; its path. sha256 : hex digest of the whole file, or empty"""
     told = {"filename": name, "units": units, "sha256": sha256}
     metadata = ",".join(f"{key} {_b64(value.encode())}" for key, value in told.items())
     headers = {**TUS, "Upload-Length": str(size), "Upload-Metadata": metadata}
@@ -52,7 +55,7 @@ def _offset(client: Client, place: str) -> int:
     return int(client.request("HEAD", place, headers=TUS).headers["Upload-Offset"])
 
 
-def _sent(client: Client, place: str, file: BinaryIO, offset: int) -> int:
+def sent(client: Client, place: str, file: BinaryIO, offset: int) -> int:
     """Send one piece, again and again if need be; the offset behind it. Raises ServiceError."""
     from cellctl.client import ServiceError
 

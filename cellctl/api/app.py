@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
 
-import msgspec
 from fastapi import FastAPI
 
 from cellctl.api import (
@@ -25,6 +23,7 @@ from cellctl.api import (
     jobs,
     live,
     measured,
+    openapi,
     parts,
     problems,
     queues,
@@ -90,7 +89,9 @@ ROUTES = (
 DESCRIPTION = """Parts go in, plans are made and proved, a person approves, the cell builds.
 
 Errors are problem documents (RFC 9457). Lists come in pages: pass `next` on as `cursor`. Times are Unix seconds.
-`POST /api/v1/parts` and `/api/v1/jobs` take an `Idempotency-Key`. The live feed is a WebSocket at `/api/v1/live?from=N`:
+Every POST that makes something takes an `Idempotency-Key`: sent again it makes nothing twice. What is read carries an `ETag`:
+`If-None-Match` saves the body, `If-Match` at a change refuses one that was decided on an older state. What happens comes as server-sent
+events at `/api/v1/events/stream` (`Last-Event-ID`) and as a WebSocket at `/api/v1/live?from=N&jobs_from=M`:
 `{"type": "snapshot", "snapshot": …}` (newest wins), `{"type": "event", "event": …}` (in order) and `{"type": "job", "job": …}`."""
 
 
@@ -155,6 +156,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
+        generate_unique_id_function=openapi.name_of,
     )
     app.state.service = service
     problems.install(app)
@@ -170,24 +172,5 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     )
     app.add_middleware(Measure, metrics=service.metrics)
     app.add_middleware(Guard, bound_host=bound_host, stop_url=service.stop_url, script_hashes=page.script_hashes, names=service.names)
-    _complete_openapi(app)
+    openapi.document_whole(app)
     return app
-
-
-def _complete_openapi(app: FastAPI) -> None:
-    """Add the schemas that no route names by type: the problem document and the snapshot."""
-    generate = app.openapi
-
-    def openapi() -> dict[str, Any]:
-        if app.openapi_schema is None:
-            document = generate()
-            schemas = document.setdefault("components", {}).setdefault("schemas", {})
-            schemas["Problem"] = problems.Problem.model_json_schema()
-            _, parts_of_snapshot = msgspec.json.schema_components(
-                [Snapshot], ref_template="#/components/schemas/{name}"
-            )
-            schemas.update(parts_of_snapshot)
-            app.openapi_schema = document
-        return app.openapi_schema
-
-    app.openapi = openapi  # type: ignore[method-assign]

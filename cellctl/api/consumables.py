@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
+from sqlalchemy import Connection
 
+from cellctl.api.context import Service
+from cellctl.api.idempotent import IdempotencyKey, once
 from cellctl.api.models import Strict
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, ServiceOf, Viewer
-from cellctl.store import audit, consumables
+from cellctl.store import audit, consumables, versions
 from cellctl.store.consumables import Kind, Lot
-from config import load_material
+from cellctl.store.parts import NotFoundError
 
 router = APIRouter(prefix="/api/v1/cell/consumables", tags=["cell"], responses=DOCUMENTED)
 LISTED = 100
@@ -57,19 +62,31 @@ def list_consumables(_person: Viewer, service: ServiceOf) -> Consumables:
         )
 
 
+def _check_known(service: Service, material: str) -> None:
+    """Raise ApiError 422 unless there is such a material."""
+    with service.store.read() as rows:
+        try:
+            versions.material(rows, material)
+        except NotFoundError as error:
+            known = ", ".join(row.name for row in versions.materials(rows))
+            raise ApiError(422, "The request does not fit", f"material: {error}", f"there are: {known}") from None
+
+
 @router.post("", status_code=201)
-def load(person: Operator, service: ServiceOf, body: NewLot) -> LotItem:
+def load(person: Operator, service: ServiceOf, body: NewLot, idempotency_key: IdempotencyKey = None) -> LotItem:
     """Tell that a lot was loaded. It stands in the record of every job from now on; a job of another material does not start."""
     if (body.kind is Kind.POWDER) != bool(body.material):
         detail = "powder needs material" if body.kind is Kind.POWDER else f"material does not belong to {body.kind.value}"
         raise ApiError(422, "The request does not fit", detail, "name a material of GET /api/v1/materials, for powder alone")
     if body.material:
-        if any(mark in body.material for mark in ("/", "\\", ".toml")):
-            raise ApiError(422, "The request does not fit", f"material: {body.material!r} is not a name", "name a material of GET /api/v1/materials")
-        load_material(body.material)
-    now = service.store.clock()
-    with service.store.write() as rows:
+        _check_known(service, body.material)
+
+    def make(rows: Connection) -> dict[str, Any]:
+        now = service.store.clock()
         lot = consumables.load(rows, now, person.name, body.kind, body.lot, body.material, body.note)
         audit.add(rows, person.deed("load", f"{body.kind.value} {body.lot}", body.note), now, "ok")
+        return _item(lot).model_dump(mode="json")
+
+    answer, _ = once(service, person, idempotency_key, ("consumable", body.model_dump(mode="json")), make)
     service.runs.wake()
-    return _item(lot)
+    return LotItem(**answer)

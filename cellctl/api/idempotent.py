@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 from fastapi import Header
 from sqlalchemy import Connection
 
 from cellctl.api.context import Service
+from cellctl.api.problems import ApiError
 from cellctl.api.sign_in import Person
 from cellctl.store import idempotency
 
@@ -36,3 +37,13 @@ def once(
         answer = make(rows)
         idempotency.remember(rows, person.name, key, digest, answer, service.store.clock())
     return answer, True
+
+
+def refuse_secret_again(what: str, ident: str) -> NoReturn:
+    """Raise ApiError 409 for a repeated request whose answer held a secret: it is not kept, so it cannot be told again."""
+    raise ApiError(
+        409,
+        "Made already",
+        f"this Idempotency-Key made {what} {ident}; its secret was in the first answer and is kept nowhere",
+        f"if that answer was lost, take {ident} back and make another with a new key",
+    )

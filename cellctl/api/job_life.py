@@ -11,8 +11,9 @@ from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 from sqlalchemy import Connection
 
+from cellctl.api.conditional import IfMatch
 from cellctl.api.context import Service
-from cellctl.api.jobs import document, pins_of, recipe_from
+from cellctl.api.jobs import check_seen, document, pins_of, recipe_from
 from cellctl.api.models import Job, NewJob
 from cellctl.api.models_jobs import Again, Change, Clone, CloneShown, JobEdit, Life, Step
 from cellctl.api.parts import IdempotencyKey
@@ -176,14 +177,18 @@ async def retry(person: Operator, service: ServiceOf, job_id: str, body: Again, 
 
 
 @router.patch("")
-async def edit(person: Operator, service: ServiceOf, job_id: str, body: JobEdit) -> Job:
-    """Change a job's name, tags, priority, the time that it is not started before, or the jobs that it waits for."""
+async def edit(person: Operator, service: ServiceOf, job_id: str, body: JobEdit, if_match: IfMatch = None) -> Job:
+    """Change a job's name, tags, priority, the time that it is not started before, or the jobs that it waits for.
+
+    With If-Match (the ETag of the job that was read) nothing that somebody else changed meanwhile is undone.
+    """
     given = body.model_fields_set
 
     def write() -> tuple[Job, list[str]]:
         now = service.store.clock()
         with service.store.write() as rows:
             job = jobs.get(rows, job_id)
+            check_seen(service, rows, job, if_match)
             _check_order(job, given)
             if body.name is not None:
                 jobs.change(rows, job_id, name=one_line(body.name))

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from sqlalchemy import Connection
 
 from cellctl.api import models_jobs as told
+from cellctl.api.conditional import IfMatch, check_unchanged, etag_of_document
 from cellctl.api.context import Service
 from cellctl.api.models import Approval, Because_, Job, JobError, Jobs, NewJob
 from cellctl.api.models_jobs import TAGS_MAX, TIME_MAX
@@ -179,6 +180,12 @@ def get_job(_person: Viewer, service: ServiceOf, job_id: str) -> Job:
         return document(service, jobs.get(rows, job_id), rows)
 
 
+def check_seen(service: Service, rows: Connection, job: JobRow, if_match: str | None) -> None:
+    """Raise ApiError 412 if the sender decided on another state of this job than it has now. Without If-Match nothing is asked."""
+    if if_match is not None:
+        check_unchanged(if_match, etag_of_document(document(service, job, rows)), job.name)
+
+
 def check_approval(job: JobRow, person: Person, body: Approval) -> None:
     """Raise ApiError unless this person may approve this job: its proof passed, or an engineer gives a reason."""
     passed = bool(job.proof and job.proof.get("passed"))
@@ -201,7 +208,7 @@ def check_approval(job: JobRow, person: Person, body: Approval) -> None:
 
 
 @router.post("/{job_id}/approve")
-async def approve(person: Operator, service: ServiceOf, job_id: str, body: Approval) -> Job:
+async def approve(person: Operator, service: ServiceOf, job_id: str, body: Approval, if_match: IfMatch = None) -> Job:
     """Approve a job. With `table_clear` (of a job that continues another: `part_untouched`) it starts as soon as the cell is idle;
     a queued one may be confirmed later by the same call."""
 
@@ -209,6 +216,7 @@ async def approve(person: Operator, service: ServiceOf, job_id: str, body: Appro
         now = service.store.clock()
         with service.store.write() as rows:
             job = jobs.get(rows, job_id)
+            check_seen(service, rows, job, if_match)
             check_approval(job, person, body)
             check_found(job, body.table_clear, body.part_untouched)
             if job.state is not J.QUEUED:
@@ -230,7 +238,7 @@ async def approve(person: Operator, service: ServiceOf, job_id: str, body: Appro
 
 
 @router.post("/{job_id}/cancel")
-async def cancel(person: Operator, service: ServiceOf, job_id: str, body: Because_) -> Job:
+async def cancel(person: Operator, service: ServiceOf, job_id: str, body: Because_, if_match: IfMatch = None) -> Job:
     """Cancel a job that is not on the cell. Twice is harmless."""
 
     def write() -> JobRow:
@@ -239,6 +247,7 @@ async def cancel(person: Operator, service: ServiceOf, job_id: str, body: Becaus
             job = jobs.get(rows, job_id)
             if job.state is J.CANCELLED:
                 return job
+            check_seen(service, rows, job, if_match)
             if job.state in ON_CELL or job_id in service.runs.starting:
                 raise ApiError(
                     409, "Not in this state", f"{job.name} is on the cell", "abort it with POST /api/v1/cell/abort"

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from typing import Any
 
+from fastapi import APIRouter
+from sqlalchemy import Connection
+
+from cellctl.api.idempotent import IdempotencyKey, once, refuse_secret_again
 from cellctl.api.models_people import FreshToken, NewToken, Token, Tokens
 from cellctl.api.problems import DOCUMENTED
 from cellctl.api.sign_in import Admin, ServiceOf
@@ -26,13 +30,21 @@ def list_tokens(_person: Admin, service: ServiceOf) -> Tokens:
 
 
 @router.post("", status_code=201)
-def create_token(person: Admin, service: ServiceOf, body: NewToken) -> FreshToken:
-    """A new token."""
-    now = service.store.clock()
-    with service.store.write() as rows:
+def create_token(person: Admin, service: ServiceOf, body: NewToken, idempotency_key: IdempotencyKey = None) -> FreshToken:
+    """A new token. 409 if the Idempotency-Key made one already: its secret was told once."""
+    told: list[str] = []
+
+    def make(rows: Connection) -> dict[str, Any]:
+        now = service.store.clock()
         row, secret = tokens.create(rows, body.name, body.role, now, body.lifetime_s, body.scopes)
         audit.add(rows, person.deed("create token", row.id), now, f"ok: {row.role.value} for {row.name}, good for {', '.join(row.scopes)}")
-    return FreshToken(**document(row).model_dump(), secret=secret)
+        told.append(secret)
+        return document(row).model_dump(mode="json")
+
+    answer, is_new = once(service, person, idempotency_key, ("token", body.model_dump(mode="json")), make)
+    if not is_new:
+        refuse_secret_again("the token", answer["id"])
+    return FreshToken(**answer, secret=told[0])
 
 
 @router.delete("/{token_id}")

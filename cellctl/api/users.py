@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
+from typing import Any
 
 from fastapi import APIRouter
+from sqlalchemy import Connection
 
 from cellctl import passwords
+from cellctl.api.idempotent import IdempotencyKey, once
 from cellctl.api.models_people import FreshPassword, NewUser, User, UserChange, Users
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Admin, ServiceOf
@@ -30,21 +33,21 @@ def list_users(_person: Admin, service: ServiceOf) -> Users:
 
 
 @router.post("", status_code=201)
-async def create_user(person: Admin, service: ServiceOf, body: NewUser) -> User:
-    """A new user. 409 if there is one of this name."""
+async def create_user(person: Admin, service: ServiceOf, body: NewUser, idempotency_key: IdempotencyKey = None) -> User:
+    """A new user. 409 if there is one of this name. No hash of the password goes into the memory of the Idempotency-Key."""
     passwords.check(body.password, body.name)
     kept = await service.turnstile.pass_through(partial(passwords.hashed, body.password))
 
-    def write() -> UserRow:
+    def make(rows: Connection) -> dict[str, Any]:
         now = service.store.clock()
-        with service.store.write() as rows:
-            if users.find(rows, name=body.name) is not None:
-                raise ApiError(409, "The name is taken", f"there is a user {users.plain_name(body.name)} already", "take another name")
-            row = users.create(rows, body.name, body.role, kept, now)
-            audit.add(rows, person.deed("create user", row.name), now, f"ok: {row.role.value}")
-        return row
+        if users.find(rows, name=body.name) is not None:
+            raise ApiError(409, "The name is taken", f"there is a user {users.plain_name(body.name)} already", "take another name")
+        row = users.create(rows, body.name, body.role, kept, now)
+        audit.add(rows, person.deed("create user", row.name), now, f"ok: {row.role.value}")
+        return document(row).model_dump(mode="json")
 
-    return document(await asyncio.to_thread(write))
+    answer, _ = await asyncio.to_thread(once, service, person, idempotency_key, ("user", body.name, body.role.value), make)
+    return User(**answer)
 
 
 @router.get("/{name}")

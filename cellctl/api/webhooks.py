@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import urlsplit
 
 import httpx
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
+from sqlalchemy import Connection
 
+from cellctl.api.idempotent import IdempotencyKey, once, refuse_secret_again
 from cellctl.api.models import Strict
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Admin, Person, ServiceOf
@@ -95,15 +97,23 @@ def list_webhooks(_person: Admin, service: ServiceOf) -> Webhooks:
 
 
 @router.post("", status_code=201)
-def add_webhook(person: Admin, service: ServiceOf, body: NewWebhook) -> FreshWebhook:
+def add_webhook(person: Admin, service: ServiceOf, body: NewWebhook, idempotency_key: IdempotencyKey = None) -> FreshWebhook:
     """Add a receiver. It is told of what happens from now on: in order, signed, and again until it answers with 2xx."""
-    topics, now = _check(body), service.store.clock()
-    with service.store.write() as rows:
+    topics, told = _check(body), []
+
+    def make(rows: Connection) -> dict[str, Any]:
         if len(webhooks.every(rows)) >= HOOKS_MAX:
             raise ApiError(409, "Too many webhooks", f"there are {HOOKS_MAX} already", "remove one that nobody needs")
+        now = service.store.clock()
         hook, secret = webhooks.create(rows, body.url, topics, now, person.name)
         audit.add(rows, _note(person, "add webhook", hook), now, "ok")
-    return FreshWebhook(**_document(hook).model_dump(), secret=secret)
+        told.append(secret)
+        return _document(hook).model_dump()
+
+    answer, is_new = once(service, person, idempotency_key, ("webhook", body.url, list(topics)), make)
+    if not is_new:
+        refuse_secret_again("the webhook", answer["id"])
+    return FreshWebhook(**answer, secret=told[0])
 
 
 @router.get("/{hook_id}")

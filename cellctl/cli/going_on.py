@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cellctl.cli import output
 from cellctl.cli.input import DEFAULT_RUN, Because, InputFault, JobId, Json, RunFolder, Url, connect, find_job
 from cellctl.cli.remote import WAITS_FOR_PEOPLE, follow, show_job
+
+if TYPE_CHECKING:
+    from cellctl.client_documents import Job, ProgramHead
 
 
 def go_on(
@@ -63,7 +66,7 @@ def show_point(point: dict[str, Any]) -> None:
         output.line(f"it cannot go on: {point['why_not']}")
 
 
-def show_program(job: dict[str, Any], head: dict[str, Any] | None) -> None:
+def show_program(job: Job, head: ProgramHead | None) -> None:
     """Print the figures of the generated program, its head, and the first lines behind the joint."""
     figures = job["resumption"]
     if figures is None or head is None:

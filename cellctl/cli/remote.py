@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +24,7 @@ from cellctl.cli.input import (
 
 if TYPE_CHECKING:
     from cellctl.client import Client
+    from cellctl.client_documents import Job
 
 TableClear = Annotated[
     bool, typer.Option("--table-clear", help="I looked: the table is clear and the substrate is clamped.")
@@ -77,7 +78,7 @@ def submit(
     raise typer.Exit(1 if job["state"] == "failed" else 0)
 
 
-def show_job(job: dict[str, Any], json: bool) -> None:
+def show_job(job: Job, json: bool) -> None:
     """Print one job."""
     if json:
         output.as_json(job)
@@ -110,14 +111,14 @@ def jobs(
             job["name"],
             job["state"],
             f"{100 * job['progress']:.0f} %",
-            job["why"] or (job["error"] or {}).get("detail", ""),
+            job["why"] or (job["error"]["detail"] if job["error"] else ""),
         )
         for job in found
     ]
     output.table(("id", "name", "state", "done", "why"), rows)
 
 
-def follow(client: Client, job_id: str, quiet: bool) -> dict[str, Any]:
+def follow(client: Client, job_id: str, quiet: bool) -> Job:
     """Show a job's way until it ends or waits for a person; the job then."""
     import time
 
