@@ -233,6 +233,14 @@ class Client:
         found = {"table_clear": table_clear, "part_untouched": part_untouched}
         return cast("Job", self.post(f"jobs/{job_id}/approve", {"because": because, "override_reason": override_reason, **found}))
 
+    def rerun(self, job_id: str, because: str = "", key: str | None = None) -> Job:
+        """The same once more; the new Job."""
+        return cast("Job", self.post(f"jobs/{job_id}/rerun", {"because": because}, key or secrets.token_hex(16)))
+
+    def retry(self, job_id: str, because: str = "", key: str | None = None) -> Job:
+        """A failed job again from the step that failed; the new Job."""
+        return cast("Job", self.post(f"jobs/{job_id}/retry", {"because": because}, key or secrets.token_hex(16)))
+
     def resumption_point(self, job_id: str) -> Document:
         """Where metal ended in a job that was interrupted, and what one may go on from."""
         return self.get(f"jobs/{job_id}/resumption-point")

@@ -12,14 +12,14 @@ from fastapi import APIRouter
 from fastapi.responses import FileResponse, Response
 
 from cellctl.api.context import Service
-from cellctl.api.jobs import recipe_from
+from cellctl.api.jobs import pins_of, recipe_from
 from cellctl.api.models import NewJob
 from cellctl.api.models_estimates import EstimateAsked, EstimateTold, PlanFigures
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Person, ServiceOf, Viewer
 from cellctl.planning.previews import Ask, Superseded
 from cellctl.planning.process import WorkerError
-from cellctl.store import blobs, jobs, parts
+from cellctl.store import blobs, jobs, parts, versions
 from planner.recipe import Recipe
 
 router = APIRouter(prefix="/api/v1", responses=DOCUMENTED)
@@ -56,10 +56,12 @@ async def estimate(person: Viewer, service: ServiceOf, part_id: str, body: Estim
     same person for the same part, only the newest is answered (409 for the others)."""
     with service.store.read() as rows:
         part = parts.get(rows, part_id)
-    recipe = recipe_from(NewJob(part_id=part_id, recipe=body.recipe))
+        recipe = recipe_from(NewJob(part_id=part_id, recipe=body.recipe))
+        pins = pins_of(service, rows, recipe.material)
+        material = versions.material(rows, recipe.material, sha256=pins["material_sha256"])
     toml = tomli_w.dumps(recipe.model_dump(mode="json", exclude_none=True))
     mesh = service.store.blobs.mesh(part.inspection.mesh_sha256)
-    ask = Ask(kind="estimate", file=str(mesh), recipe_toml=toml, cell=str(service.settings.cell_file))
+    ask = Ask(kind="estimate", file=str(mesh), recipe_toml=toml, cell=str(service.settings.cell_file), material_toml=material.toml)
     return EstimateTold(part_id=part_id, **await _asked(service, ask, _asker(person, part_id)))
 
 

@@ -61,13 +61,13 @@ def table(
 def rerun(job: JobId, because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
     """A new job of the same part and recipe; what was planned and proved is used again. It has to be approved anew."""
     with connect(url, run) as client:
-        show_job(client.post(f"jobs/{find_job(client, job)}/rerun", {"because": because}, secrets.token_hex(16)), json)
+        show_job(client.rerun(find_job(client, job), because), json)
 
 
 def retry(job: JobId, because: Because = "", url: Url = None, run: RunFolder = DEFAULT_RUN, json: Json = False) -> None:
     """A new job that goes on at the step at which a failed one ended, before it came to the cell."""
     with connect(url, run) as client:
-        show_job(client.post(f"jobs/{find_job(client, job)}/retry", {"because": because}, secrets.token_hex(16)), json)
+        show_job(client.retry(find_job(client, job), because), json)
 
 
 def note(

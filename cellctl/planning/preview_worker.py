@@ -7,9 +7,11 @@ and writes one answer per line. What it works on may take its memory, never the 
 from __future__ import annotations
 
 import sys
+import tempfile
 import traceback
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -21,6 +23,7 @@ from cellctl.faults import explain
 from cellctl.planning.previews import Answer, Ask
 from cellctl.planning.task import Failed, Task
 from cellctl.planning.worker import Line, be_modest, end_with
+from config.base import PREFERRED, prefer
 
 if TYPE_CHECKING:
     from planner.decompose.pieces import Division
@@ -61,11 +64,11 @@ def _mesh(path: str) -> Mesh:
     return mesh
 
 
-def _division(path: str, mesh: Mesh, recipe: Recipe) -> Division:
+def _division(path: str, mesh: Mesh, recipe: Recipe, material_toml: str) -> Division:
     from planner.decompose.division import divide
     from planner.process import Settings
 
-    key = path + recipe.model_dump_json(include=set(DIVIDES_BY))
+    key = path + recipe.model_dump_json(include=set(DIVIDES_BY)) + material_toml
     made: Division = DIVISIONS.get(key, lambda: divide(mesh, recipe, Settings.from_recipe(recipe)))
     return made
 
@@ -78,8 +81,25 @@ def estimate(ask: Ask) -> dict[str, Any]:
 
     recipe = parse_recipe(ask.recipe_toml)
     mesh = _mesh(ask.file)
-    division = None if recipe.process == "mill" else _division(ask.file, mesh, recipe)
-    return asdict(made(mesh, recipe, load_cell(ask.cell), division=division))
+    with _material(recipe.material, ask.material_toml):
+        division = None if recipe.process == "mill" else _division(ask.file, mesh, recipe, ask.material_toml)
+        return asdict(made(mesh, recipe, load_cell(ask.cell), division=division))
+
+
+@contextmanager
+def _material(name: str, toml: str) -> Iterator[None]:
+    """Within, the material's name stands for these facts; without any for the shipped ones."""
+    if not toml:
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="material-") as folder:
+        path = Path(folder) / "material.toml"
+        path.write_text(toml, encoding="utf-8")
+        prefer("materials", name, path)
+        try:
+            yield
+        finally:
+            PREFERRED.pop(("materials", name))
 
 
 def picture(ask: Ask) -> dict[str, Any]:

@@ -19,13 +19,17 @@ MODULE = "cellctl.planning.preview_worker"
 
 
 class Ask(msgspec.Struct, frozen=True):
-    """One question. file : mesh or plan   target : where a file is written to   recipe_toml, cell : for an estimate"""
+    """One question. file : mesh or plan   target : where a file is written to   recipe_toml, cell, material_toml : for an estimate
+
+    material_toml : facts that the recipe's material stands for
+    """
 
     kind: Literal["estimate", "picture", "figures"]
     file: str
     target: str = ""
     recipe_toml: str = ""
     cell: str = ""
+    material_toml: str = ""
 
 
 class Answer(msgspec.Struct, frozen=True):
