@@ -46,7 +46,7 @@ def in_pieces(client: Client, path: Path, units: str, progress: Told) -> Part:
 def announced(client: Client, name: str, size: int, units: str, sha256: str) -> str:
     """Begin an upload; its path. sha256 : hex digest of the whole file, or empty"""
     told = {"filename": name, "units": units, "sha256": sha256}
-    metadata = ",".join(f"{key} {_b64(value.encode())}" for key, value in told.items())
+    metadata = ",".join(f"{key} {_b64(value.encode())}" for key, value in told.items() if value)
     headers = {**TUS, "Upload-Length": str(size), "Upload-Metadata": metadata}
     return str(client.request("POST", "/api/v1/uploads", headers=headers).headers["Location"])
 

@@ -20,6 +20,7 @@ import tomli_w
 
 from cellctl.cli import output
 from cellctl.client import Client, ServiceError
+from cellctl.client_documents import Job, JobError
 from cellctl.demo_display import Display
 from config import Cell, load_cell
 from config.base import FACTS_DIR
@@ -181,9 +182,9 @@ class Demo:
         job = client.submit(part["id"], recipe_toml=RECIPE.read_text(encoding="utf-8"), name="pipe")
         job = self._until(client, job["id"], ("waiting_for_approval", *ENDED))
         if job["state"] != "waiting_for_approval":
-            error = job["error"] or {"detail": job["why"], "hint": ""}
+            error = job["error"] or JobError(title=job["state"], detail=job["why"], hint="")
             raise DemoError(f"the job {job['state']}: {error['detail']}", error["hint"])
-        proof = job["proof"]
+        proof = job["proof"] or {}
         self._say(
             f"planned {job['layers']} layers, posted {job['lines_total']} lines ({output.duration(job['duration_s'])}); "
             f"proof: 99 % within {proof['p99_mm']:.3f} mm of {proof['tolerance_mm']:g} mm"
@@ -200,7 +201,7 @@ class Demo:
             )
         return self._measure(client, job)
 
-    def _clamp(self, client: Client, job: Document, proof: Document) -> None:
+    def _clamp(self, client: Client, job: Job, proof: Document) -> None:
         """A fresh plate into the simulated machine, and the part that it will be measured against."""
         plan = client.get(f"jobs/{job['id']}/plan")
         mesh = self._out / "part.stl"
@@ -208,7 +209,7 @@ class Demo:
         command = {"do": "workpiece", "mesh": str(mesh), "build_from_part": plan["build_from_part"]}
         ask_sim(self._run_dir / "sim.sock", {**command, "material": job["material"], "cell_mm": proof["cell_mm"]})
 
-    def _until(self, client: Client, job_id: str, states: tuple[str, ...]) -> Document:
+    def _until(self, client: Client, job_id: str, states: tuple[str, ...]) -> Job:
         """Follow the job into one of these states; on a fault do what an operator would, once looked at.
 
         Raises DemoError if it stays held or queued.
@@ -240,7 +241,7 @@ class Demo:
             elif snapshot["state"] == "HELD" and self._recoveries:
                 client.command("resume", "demo: the fault is reset")
 
-    def _measure(self, client: Client, job: Document) -> Document:
+    def _measure(self, client: Client, job: Job) -> Document:
         """What stands in the simulated machine against the part, and the record."""
         folder = self._out / "result"
         tolerance_mm = job["recipe"]["tolerance_mm"]

@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 import time
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from cellctl.cli.output import duration
+
+if TYPE_CHECKING:
+    from cellctl.client_documents import Job
 
 LINE_PERIOD_S = 5.0  # between plain lines of the same stage
 STAGES = {
@@ -82,7 +85,7 @@ class Display:
             sys.stdout.write(text + "\n")
             sys.stdout.flush()
 
-    def show(self, job: Document, snapshot: Document | None) -> None:
+    def show(self, job: Job, snapshot: Document | None) -> None:
         """Where the job stands."""
         if self._quiet or job["state"] not in STAGES:
             return

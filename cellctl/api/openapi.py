@@ -23,7 +23,7 @@ NAMES = {
     "marks": "get_trend_marks", "get_seal": "get_record_seal", "load": "load_consumable", "go_to": "go_to_place", "purge": "begin_purge",
     "purge_end": "end_purge", "pilot": "switch_pilot_beam", "get_snapshot": "get_cell", "about": "get_about", "facts": "get_cell_facts",
     "list_events": "list_cell_events", "control": "control_cell", "jog_on": "continue_jog", "command": "command_cell",
-    "touch": "touch_point", "fit": "fit_touch_off", "adopt": "adopt_touch_off", "forget": "forget_touch_offs",
+    "touch": "touch_point", "fit": "fit_touch_off", "adopt": "adopt_touch_off", "forget": "forget_measured",
     "list_deeds": "list_audit", "verify": "verify_audit", "healthz": "get_health", "readyz": "get_readiness", "metrics": "get_metrics",
 }  # fmt: skip
 

@@ -1,6 +1,6 @@
 """Runs every bench_*.py of this folder that has `run() -> list[Table]`, prints the tables and keeps them in results/.
 
-Words on the command line choose: `python -m tests.bench slicing post` runs the modules whose names hold one of them.
+Words on the command line choose: `python -m tests.bench slicing post` runs the modules whose names hold one of them (`rest` is bench_rest alone).
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ FOLDER = Path(__file__).resolve().parent
 
 
 def chosen(words: list[str]) -> list[str]:
-    """Names of the bench modules that hold one of the words, all if there is none, sorted."""
+    """Names of the bench modules that hold one of the words, all if there is none, sorted. A word that is a whole name means that one."""
     names = sorted(path.stem for path in FOLDER.glob("bench_*.py"))
-    return [name for name in names if not words or any(word in name for word in words)]
+    whole = {word for word in words if f"bench_{word}" in names}
+    return [name for name in names if not words or any(f"bench_{word}" == name if word in whole else word in name for word in words)]
 
 
 def main(words: list[str]) -> int:

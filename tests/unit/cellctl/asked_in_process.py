@@ -30,6 +30,7 @@ from tests.unit.cellctl.test_store import part_in
 
 URL = "http://127.0.0.1:8000"
 ANSWER_S = 60.0
+FRESH_S = 0.2  # a cell shows itself more often than this
 
 
 @dataclass
@@ -42,12 +43,16 @@ class InProcess:
     token: str
     part_id: str
     job_id: str
+    far: FarCell | None
 
     def ask(self, request: requests.PreparedRequest) -> httpx.Response:
         """The answer to one request; of an event stream the begin."""
         return self.runner.run(asyncio.wait_for(self._ask(request), ANSWER_S))
 
     async def _ask(self, request: requests.PreparedRequest) -> httpx.Response:
+        link = self.service.link
+        if self.far is not None and (link.snapshot is None or link.age_s > FRESH_S):
+            await self.far.show(lambda seq: link.snapshot is not None and link.snapshot.seq >= seq)
         body = request.body or b""
         sent = httpx.Request(str(request.method), str(request.url), headers=dict(request.headers), content=body)
         raw = [(name.lower(), value) for name, value in sent.headers.raw]
@@ -112,9 +117,7 @@ def in_process(folder: Path, empty_store: Path, is_joined: bool = True) -> Itera
             runner.run(far.open(folder / "run" / "cell.sock"))
         runner.run(lifespan.__aenter__())
         try:
-            if is_joined:
-                runner.run(far.show(lambda seq: service.link.snapshot is not None and service.link.snapshot.seq >= seq))
-            yield InProcess(app, service, runner, token, part_id, job.id)
+            yield InProcess(app, service, runner, token, part_id, job.id, far if is_joined else None)
         finally:
             runner.run(lifespan.__aexit__(None, None, None))
             if is_joined:
