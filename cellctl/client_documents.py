@@ -96,6 +96,7 @@ class Job(TypedDict):
     after: list[Dependency]
     not_before: float | None
     priority: int
+    rank: int
     tags: list[str]
     made_from: str | None
     made_how: str

@@ -78,11 +78,10 @@ class InProcess:
             if content and (b"content-type", b"text/event-stream") in [(name, value.partition(b";")[0]) for name, value in start["headers"]]:
                 over.set()
 
-        try:
-            await self.app(scope, receive, send)
-        except Exception:
-            if not start:  # a fault that was answered by 500 is raised again for the server's log
-                raise
+        answering = asyncio.ensure_future(self.app(scope, receive, send))
+        await asyncio.wait([answering])
+        if answering.exception() is None or not start:  # a fault that was answered by 500 is raised again for the server's log
+            answering.result()
         over.set()
         answer = httpx.Response(start["status"], headers=start["headers"], content=bytes(content), request=sent)
         answer.elapsed = timedelta(0)
