@@ -12,6 +12,7 @@ from cellctl.cli.backup import backup, restore
 from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
 from cellctl.cli.record import record
+from cellctl.cli.shop import mtconnect
 
 app = typer.Typer(
     name="cellctl",
@@ -23,6 +24,7 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (service.demo, service.serve, service.sim, service.doctor, audit, backup, restore),
+    "Shop": (mtconnect,),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (
         remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on, job_life.queue, job_life.table, job_life.rerun,
