@@ -44,7 +44,7 @@ TABLE: dict[tuple[str, str], tuple[str, int, int]] = {
     ("cellctl.first_start", "ServeError"): ("The service cannot start", 503, 2),
     ("cellctl.cli.input", "InputFault"): ("Bad input", 422, 2),
     ("cellctl.demo", "DemoError"): ("The demo failed", 500, 1),
-    ("cellctl.doctor", "DoctorError"): ("The cell cannot be checked", 503, 1),
+    ("cellctl.doctor.options", "DoctorError"): ("The cell cannot be checked", 503, 1),
 }
 
 

@@ -9,6 +9,7 @@ import typer
 from cellctl.cli import files, job_life, models, remote, service, tokens, users
 from cellctl.cli.audit import audit
 from cellctl.cli.backup import backup, restore
+from cellctl.cli.doctor import doctor
 from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
 from cellctl.cli.record import record
@@ -23,7 +24,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Service": (service.demo, service.serve, service.sim, service.doctor, audit, backup, restore),
+    "Service": (service.demo, service.serve, service.sim, doctor, audit, backup, restore),
     "Shop": (mtconnect,),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (

@@ -1,4 +1,4 @@
-"""Commands that run things: demo, serve, sim, doctor."""
+"""Commands that run things: demo, serve, sim."""
 
 from __future__ import annotations
 
@@ -114,19 +114,3 @@ def sim(
     words += ["--mesh", str(mesh)] if mesh else []
     words += ["--at-baud"] if at_baud else []
     os.execv(sys.executable, [sys.executable, "-m", "sim", *words])
-
-
-def doctor(
-    cell: CellName = DEFAULT_CELL,
-    run: RunFolder = DEFAULT_RUN,
-    json: Json = False,
-) -> None:
-    """Check the wires of a cell: identify the CNC, read every register. Moves and emits nothing."""
-    from cellctl.doctor import examine_cell
-
-    report = examine_cell(cell, run)
-    if json:
-        output.as_json(report.document())
-    else:
-        output.table(("", "what", "found"), [("ok" if row.ok else "FAULT", row.what, row.found) for row in report.rows])
-    raise typer.Exit(0 if report.is_well else 1)
