@@ -43,6 +43,6 @@ class Presence:
         try:
             if taken:
                 await asyncio.to_thread(write)
-        except (DBAPIError, OSError) as error:  # a store that refuses for now: what was heard meanwhile is newer
+        except (DBAPIError, OSError) as error:  # a store that refuses: what was heard meanwhile is newer
             self._heard = {**taken, **self._heard}
             log.warning("sessions cannot be written down", error=str(getattr(error, "orig", error)))

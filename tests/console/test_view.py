@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.bench.view_scene import LAYERS, NAME, add_job, browse
+from tests.bench.view_scene import LAYERS, NAME, add_job, browse, costs
 from tests.console.conftest import PATIENCE_MS, VIEW
 from tests.console.running_cell import RunningCell
 from tests.console.test_console import picture, sign_in
@@ -53,3 +53,45 @@ def test_scrubbed_moment_tells_line_layer_and_set_points_of_the_program(viewed: 
     expect(card).to_contain_text("1100 W" if "contour" in card.inner_text() else "990 W")
     expect(card).to_contain_text("10.0 g/min")
     picture(viewed, "view_scrub")
+
+
+def test_view_at_rest_draws_no_frames(viewed: Page) -> None:
+    viewed.locator("#layer").fill("400")
+    viewed.wait_for_timeout(1500)
+    before = costs(viewed)["frames"]
+    viewed.wait_for_timeout(1200)
+    assert costs(viewed)["frames"] == before
+
+
+def test_drawn_segments_of_a_layer_are_those_of_the_plan(viewed: Page) -> None:
+    viewed.get_by_role("button", name="Show", exact=True).click()
+    viewed.get_by_label("Layers below").uncheck()
+    viewed.locator("#layer").fill("0")
+    per_layer = SEGMENTS_LEAST // LAYERS
+    for _ in range(50):
+        lines = costs(viewed)["lines"]
+        if lines > per_layer:
+            break
+        viewed.wait_for_timeout(100)
+    assert per_layer < lines < per_layer + 400  # and the ground's grid
+    viewed.get_by_label("Layers below").check()
+    viewed.get_by_role("button", name="Show", exact=True).click()
+
+
+def test_colouring_shows_its_range_and_unit_and_the_pointer_reads_the_pass_under_it(viewed: Page) -> None:
+    for name, ends in (("speed", ("12.0 mm/s", "15.6 mm/s")), ("power", ("990 W", "1100 W"))):
+        viewed.get_by_label("Colours show").select_option(name)
+        for end in ends:
+            expect(viewed.locator(".legend")).to_contain_text(end)
+    viewed.get_by_role("button", name="Top", exact=True).click()
+    viewed.wait_for_timeout(800)
+    box = viewed.locator(".stage").bounding_box()
+    assert box is not None
+    for step in range(12):
+        viewed.mouse.move(box["x"] + box["width"] / 2 + 4 * step, box["y"] + box["height"] / 2 + 3)
+        if viewed.locator(".reading").count():
+            break
+    expect(viewed.locator(".reading")).to_contain_text("g/min")
+    for name in ("Fit", "Top", "Side"):
+        button = viewed.get_by_role("button", name=name, exact=True).bounding_box()
+        assert button is not None and min(button["width"], button["height"]) >= 46
