@@ -14,6 +14,7 @@ from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
 from cellctl.cli.record import record
 from cellctl.cli.shop import mtconnect
+from cellctl.cli.tutorial import tutorial
 
 app = typer.Typer(
     name="cellctl",
@@ -24,7 +25,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Service": (service.demo, service.serve, service.sim, doctor, audit, backup, restore),
+    "Service": (tutorial, service.demo, service.serve, service.sim, doctor, audit, backup, restore),
     "Shop": (mtconnect,),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (
