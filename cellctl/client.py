@@ -83,6 +83,7 @@ class Client:
     ) -> None:
         """name : by which the cell tells this client from others of the same person; default: user and machine    verify : of TLS"""
         self.url = url.rstrip("/")
+        self.verify = verify
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         headers["X-Client-Id"] = name or own_name()
         self._http = httpx.Client(

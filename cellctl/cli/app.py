@@ -13,7 +13,7 @@ from cellctl.cli.doctor import doctor
 from cellctl.cli.going_on import go_on
 from cellctl.cli.prove import prove
 from cellctl.cli.record import record
-from cellctl.cli.shop import mtconnect
+from cellctl.cli.shop import mtconnect, opcua
 from cellctl.cli.tutorial import tutorial
 
 app = typer.Typer(
@@ -26,7 +26,7 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (tutorial, service.demo, service.serve, service.sim, doctor, audit, backup, restore),
-    "Shop": (mtconnect,),
+    "Shop": (mtconnect, opcua),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (
         remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on, job_life.queue, job_life.table, job_life.rerun,
