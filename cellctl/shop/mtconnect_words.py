@@ -45,7 +45,7 @@ MODE: dict[State, str | None] = {
 """ControllerMode of each state; Execution's table is domain.states.EXECUTION."""
 
 LINKS = ("laser", "feeder", "io", "cnc")
-COMMUNICATION = ("_silent", "_lost", "answer_overdue", "cnc_reset")
+COMMUNICATION = ("offline", "_silent", "_lost", "answer_overdue", "cnc_reset")
 PROGRAM = ("cnc_error", "cnc_alarm", "dark_pass", "laser_standing", "off_path", "program")
 
 

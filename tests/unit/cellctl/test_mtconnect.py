@@ -184,7 +184,7 @@ def test_a_silent_device_makes_its_own_items_unavailable_and_warns(shop: Shop) -
 
 @pytest.mark.parametrize(
     ("code", "kind"),
-    [("door", "SYSTEM"), ("laser_silent", "COMMUNICATIONS"), ("cnc_lost", "COMMUNICATIONS"), ("cnc_alarm", "LOGIC_PROGRAM"), ("estop", "SYSTEM")],
+    [("door", "SYSTEM"), ("laser_silent", "COMMUNICATIONS"), ("offline", "COMMUNICATIONS"), ("cnc_alarm", "LOGIC_PROGRAM"), ("estop", "SYSTEM")],
 )
 def test_each_alarm_belongs_to_one_condition(code: str, kind: str) -> None:
     assert condition_of(code) == kind
