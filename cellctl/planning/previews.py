@@ -14,7 +14,7 @@ from cellctl.planning.process import WorkerError
 from cellctl.planning.task import Failed
 
 LINE_LIMIT = 16 << 20  # bytes of one answer
-ANSWER_S = 60.0  # longer, and the process is ended: a preview that late helps nobody
+ANSWER_S = 300.0  # longer, and the process is ended; on a new machine the first answer waits until the planner's kernels are compiled
 MODULE = "cellctl.planning.preview_worker"
 
 
@@ -81,7 +81,7 @@ class Previews:
                 text = await process.stdout.readline()
         except TimeoutError:
             await self._end()
-            detail = f"no answer within {ANSWER_S:.0f} s: the part is too large for a preview"
+            detail = f"no answer within {ANSWER_S:.0f} s: the part is too large for a preview, or the machine too busy"
             raise WorkerError(Failed("It takes too long", detail, "submit it: its plan has the figures", 503)) from None
         except asyncio.CancelledError:
             await self._end()

@@ -20,11 +20,15 @@ export function FileSize({ bytes }: { bytes: number }) {
   return <span class="muted">{bytes < 1e6 ? `${decimal(bytes / 1e3, 0)} kB` : `${decimal(bytes / 1e6, 1)} MB`}</span>;
 }
 
-/** 1 h 32 min, 12 min, 40 s. */
+const SHORT_S = 600; // below it seconds count
+
+/** 1 h 32 min, 12 min, 3 min 20 s, 40 s. */
 export function spanText(seconds: number): string {
   if (!Number.isFinite(seconds)) return words.dash;
+  const whole = Math.round(seconds);
+  if (whole < 60) return `${whole} s`;
+  if (whole < SHORT_S) return `${Math.floor(whole / 60)} min ${String(whole % 60).padStart(2, "0")} s`;
   const minutes = Math.round(seconds / 60);
-  if (minutes < 2) return `${decimal(seconds, 0)} s`;
   return minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
