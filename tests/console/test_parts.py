@@ -46,9 +46,8 @@ def planned(page: Page) -> None:
     expect(page.locator(".bounds")).to_be_visible()
 
 
-def test_engineer_drops_a_part_previews_submits_reads_approves_and_compares(page: Page, cell: RunningCell, heard: Heard) -> None:
-    sign_in(page, cell)
-    page.get_by_role("tab", name="Parts").click()
+def upload(page: Page) -> None:
+    """Drop a file, say its units, send it and open the part."""
     drop(page, "Bearing block.stl", block_with_a_hole_in_its_skin())
     entry = page.locator(".file")
     expect(entry.get_by_role("button", name="Upload")).to_be_disabled()  # the units are never guessed
@@ -61,6 +60,11 @@ def test_engineer_drops_a_part_previews_submits_reads_approves_and_compares(page
     expect(page.locator(".card img").first).to_have_js_property("naturalWidth", 240)
     entry.get_by_role("button", name="Open part").click()
 
+
+def test_engineer_drops_a_part_previews_submits_reads_approves_and_compares(page: Page, cell: RunningCell, heard: Heard) -> None:
+    sign_in(page, cell)
+    page.get_by_role("tab", name="Parts").click()
+    upload(page)
     page.get_by_role("button", name="Show").first.click()
     expect(page.get_by_role("button", name="Show").first).to_have_attribute("aria-pressed", "true")
     expect(page.locator(".missing")).to_contain_text("rates.machine_per_h")  # no cost is invented

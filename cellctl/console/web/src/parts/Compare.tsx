@@ -58,12 +58,12 @@ function Both({ a, b }: { a: Side; b: Side }) {
         <table class="compare-table">
           <thead>
             <tr>
-              <th scope="col" class="left">
+              <th scope="col" class="aside">
                 {say.figure}
               </th>
               <Head letter="A" job={a.job} />
               <Head letter="B" job={b.job} />
-              <th scope="col" class="left">
+              <th scope="col" class="aside">
                 {say.difference}
               </th>
             </tr>
@@ -77,7 +77,7 @@ function Both({ a, b }: { a: Side; b: Side }) {
               <th scope="row">{say.verdict}</th>
               <td>{verdict(a.proof)}</td>
               <td>{verdict(b.proof)}</td>
-              <td class="left">{a.proof && b.proof ? (a.proof.passed === b.proof.passed ? say.same : say.onlyOne(a.proof.passed ? "A" : "B")) : words.dash}</td>
+              <td class="aside">{a.proof && b.proof ? (a.proof.passed === b.proof.passed ? say.same : say.onlyOne(a.proof.passed ? "A" : "B")) : words.dash}</td>
             </tr>
           </tbody>
         </table>
@@ -116,7 +116,7 @@ function Asked({ a, b }: { a: Job; b: Job }) {
     return (
       <tr>
         <th scope="row">{say.recipe}</th>
-        <td colSpan={3} class="left muted">
+        <td colSpan={3} class="aside muted">
           {say.sameRecipe}
         </td>
       </tr>
@@ -127,7 +127,7 @@ function Asked({ a, b }: { a: Job; b: Job }) {
       {a.part_id !== b.part_id && (
         <tr class="asked">
           <th scope="row">{say.part}</th>
-          <td colSpan={3} class="left tone-hold">
+          <td colSpan={3} class="aside tone-hold">
             ▲ {say.otherPart}
           </td>
         </tr>
@@ -141,7 +141,7 @@ function Asked({ a, b }: { a: Job; b: Job }) {
             <th scope="row">{[label, unit].filter(Boolean).join(", ")}</th>
             <td>{told(left)}</td>
             <td>{told(right)}</td>
-            <td class="left">{isNumbers ? difference(left, right) : say.other}</td>
+            <td class="aside">{isNumbers ? difference(left, right) : say.other}</td>
           </tr>
         );
       })}
@@ -188,7 +188,7 @@ function FigureRow({ row }: { row: Row }) {
       <th scope="row">{row.name}</th>
       <td>{a === undefined ? words.dash : row.text(a)}</td>
       <td>{b === undefined ? words.dash : row.text(b)}</td>
-      <td class="left">{difference(a, b)}</td>
+      <td class="aside">{difference(a, b)}</td>
     </tr>
   );
 }

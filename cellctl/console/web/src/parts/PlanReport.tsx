@@ -160,7 +160,7 @@ function Operations({ figures }: { figures: PlanFigures }) {
       <table>
         <thead>
           <tr>
-            <th scope="col" class="left">
+            <th scope="col" class="aside">
               {say.process}
             </th>
             <th scope="col">{say.count}</th>
