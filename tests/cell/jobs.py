@@ -150,5 +150,10 @@ def mill_pass(w: Writer, layers: int, length: float) -> None:
 
 
 def for_another_cell(program: Program) -> Program:
-    """The same Program, as if it had been posted for another cell file."""
+    """The same Program, as if it had been posted for another cell."""
+    return replace(program, cell_sha256="f" * 64, cell_name="another")
+
+
+def before_a_change(program: Program) -> Program:
+    """The same Program, as if the cell had been changed or measured anew since it was posted."""
     return replace(program, cell_sha256="f" * 64)

@@ -43,7 +43,7 @@ class Mapped:
     async def _open(self, directory: Path) -> tuple[Program, str]:
         program = open_form(self._form, DIGEST)
         assert isinstance(program, OpenedProgram)
-        return (replace(program, cell_sha256="0" * 64) if self.is_other else program), DIGEST
+        return (replace(program, cell_sha256="0" * 64, cell_name="another") if self.is_other else program), DIGEST
 
     async def start(self) -> Reply:
         self._jobs += 1

@@ -12,7 +12,7 @@ from cellctl.domain.states import State
 from planner.errors import FileFormatError
 from planner.program import Channel, Program
 from tests.cell.harness import CellUnderTest
-from tests.cell.jobs import for_another_cell, one_wall
+from tests.cell.jobs import before_a_change, for_another_cell, one_wall
 
 
 def shifted(program: Program) -> Program:
@@ -31,7 +31,8 @@ def too_strong(program: Program) -> Program:
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [(for_another_cell, "posted for cell"), (shifted, "work offset is not the program's: Y is 0.000"), (other_gate, "gates the laser by modbus"),
+    [(for_another_cell, "posted for cell another"), (before_a_change, "posted before the cell was changed or measured anew"),
+     (shifted, "work offset is not the program's: Y is 0.000"), (other_gate, "gates the laser by modbus"),
      (too_strong, "laser.power_setpoint for 9000 W, its limit is 2000")],
 )  # fmt: skip
 async def test_a_program_that_does_not_fit_the_cell_as_it_stands_is_refused(

@@ -86,6 +86,12 @@ async def to_stopped(cell: CellUnderTest) -> None:
     await cell.command("stop")
 
 
+async def to_purging(cell: CellUnderTest) -> None:
+    assert (await cell.command("purge", seconds=30.0, powder_g_min=8.0)).ok
+    await cell.forward(until=lambda: cell.snapshot.hand.flow_left_s > 0.0, seconds=20)
+    assert cell.state is State.PURGING and cell.sim.feeder.values["rate_setpoint"] == 8.0
+
+
 async def to_resetting(cell: CellUnderTest) -> None:
     await to_stopped(cell)
     await cell.forward(seconds=REST_S)
@@ -99,6 +105,7 @@ WAYS: dict[State, Way] = {
     State.IDLE: to_idle,
     State.HOMING: to_homing,
     State.JOGGING: to_jogging,
+    State.PURGING: to_purging,
     State.PREPARING: to_preparing,
     State.RUNNING: to_running,
     State.HOLDING: to_holding,

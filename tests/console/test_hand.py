@@ -19,6 +19,7 @@ from tests.unit.cellctl.test_touch_off import touching
 
 pytestmark = pytest.mark.timeout(600)
 SETTLED_S = 20.0
+NEAR = 2e-3  # mm or deg
 MARK = np.array([50.0, 10.0, -440.0])  # table frame: a gauge ball
 REAL = (0.31, -0.24, -450.0)  # where the C axis really is; the cell file has it at 0, 0
 
@@ -91,13 +92,24 @@ def test_axes_move_by_step_and_while_held_and_keys_move_nothing_until_allowed(pa
     assert not heard.complaints
 
 
+def is_there(cell: RunningCell, letter: str, at: float) -> None:
+    """Wait until an axis is told to be there and the cell is at rest: the answer to a jog comes before its motion."""
+    end = time.monotonic() + SETTLED_S
+    while True:
+        told = cell.get("/cell")
+        if told["state"] == "IDLE" and abs(told["cnc"]["machine"][letter] - at) < NEAR:
+            return
+        assert time.monotonic() < end, f"{letter} is not at {at}: {told['state']}, {told['cnc']['machine']}"
+        time.sleep(0.05)
+
+
 def send_to(cell: RunningCell, client: Client, goal: dict[str, float]) -> None:
     """Jog every axis there, through REST."""
     for letter, at in goal.items():
         distance = at - cell.get("/cell")["cnc"]["machine"][letter]
         if abs(distance) > 1e-3:
             client.command("jog", "measuring", axis=letter, distance=distance, feed=5000.0)
-            stands(cell)
+            is_there(cell, letter, at)
 
 
 def test_a_centre_that_is_wrong_is_found_by_the_wizard_and_adopted(page: Page, cell: RunningCell, heard: Heard) -> None:
