@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs pytest: with arguments just so; without, the whole suite as two processes side by side, one per core.
-# What computes goes into one, what talks over wires and sockets into the other; the first one's report is printed when both have ended.
+# What computes goes into one, what talks over wires and to browsers into the other; the first one's report is printed when both have ended.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 
@@ -9,7 +9,7 @@ if [ $# -gt 0 ]; then
     exec "$PYTHON" -m pytest "$@"
 fi
 
-COMPUTING=(tests/unit/planner tests/unit/sim tests/property tests/fuzz)
+COMPUTING=(tests/unit/planner tests/unit/sim tests/property tests/fuzz tests/unit/cellctl)
 REPORT=$(mktemp)
 trap 'rm -f "$REPORT"' EXIT
 

@@ -106,6 +106,7 @@ async def test_secrets_are_in_no_answer_no_address_and_no_log(web: Any, capfd: p
         raise RuntimeError("a fault that nobody foresaw")
 
     monkeypatch.setattr(sign_in_module, "account_of", broken)
+    structlog.reset_defaults()  # another test may have it quiet
     configure_log()  # as the web process logs
     answer = await web.operator.get("/api/v1/jobs", headers={"Cookie": cookie})
     assert answer.status_code == 500
