@@ -61,7 +61,8 @@ def trend(rows: Connection, from_at: float, to_at: float, points: int, channels:
         buckets = found
     else:
         origin = from_at if level == 0 else np.floor(from_at / level) * level
-        step_s = step_s if level == 0 else np.ceil((to_at - origin) / points / level) * level  # a stored bucket lies within one that is asked for
+        if level > 0:  # a stored bucket lies within one that is asked for
+            step_s = float(np.ceil((to_at - origin) / points / level)) * level
         keys = np.floor((found.start_at - origin) / step_s).astype(np.int64)
         keys, samples, figures = gather(keys, found.samples, found.figures)
         buckets = Buckets(origin + keys * step_s, samples, figures)

@@ -38,7 +38,7 @@ class Heard:
 
     def message(self, message: ConsoleMessage) -> None:
         if message.type == "error" and "401" not in message.text:  # the first question who is signed in
-            self.complaints.append(message.text)
+            self.complaints.append(f"{message.text} ({message.location.get('url', '')})")
 
     def error(self, error: Exception) -> None:
         self.complaints.append(str(error))

@@ -204,6 +204,14 @@ async def test_a_question_that_does_not_fit_is_refused_in_one_line(web: Web, par
     assert (await web.nobody.get("/api/v1/cell/trends")).status_code == 401
 
 
+async def test_a_trend_that_a_level_answers_is_a_document_too(web: Web) -> None:
+    at = START + np.arange(0.0, 7200.0, 5.0)
+    samples_in(web.service.store, at, np.full(len(at), 1000.0))
+    thin(web.service.store)
+    answer = await web.viewer.get("/api/v1/cell/trends", params={"from": START, "to": START + 7200.0, "points": 50})
+    assert answer.status_code == 200 and answer.json()["made_of_s"] >= 10 and answer.json()["step_s"] >= 144.0
+
+
 async def test_the_same_trend_as_csv_and_as_arrow(web: Web) -> None:
     import pyarrow as pa
 
