@@ -65,7 +65,7 @@ def trend(rows: Connection, from_at: float, to_at: float, points: int, channels:
             step_s = float(np.ceil((to_at - origin) / points / level)) * level
         keys = np.floor((found.start_at - origin) / step_s).astype(np.int64)
         keys, samples, figures = gather(keys, found.samples, found.figures)
-        buckets = Buckets(origin + keys * step_s, samples, figures)
+        buckets = Buckets(np.asarray(origin + keys * step_s, dtype=np.float64), samples, figures)
     buckets = _with_gaps(buckets, _silences(found.start_at, max(SILENCE_S, 1.5 * level)), max(step_s, float(level)))
     figures = buckets.figures[:, picked]
     return Trend(
