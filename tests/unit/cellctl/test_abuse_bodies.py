@@ -2,44 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
-import argon2
 import pytest
 import structlog
 
-from cellctl import passwords
 from cellctl.api import sign_in as sign_in_module
 from cellctl.api.__main__ import configure_log
+from tests.unit.cellctl.hostile import PASSWORD, session_of, stand_still, user_in
+from tests.unit.cellctl.hostile import cheap_hashes as cheap_hashes
 from tests.unit.cellctl.test_api_sign_in import assert_problem
-
-PASSWORD = "correct horse battery"
-@pytest.fixture(autouse=True)
-def cheap_hashes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(passwords, "HASHER", argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1))
-    passwords._nobody.cache_clear()
-    yield
-    passwords._nobody.cache_clear()
-
-
-async def user_in(web: Any, name: str) -> None:
-    answer = await web.admin.post("/api/v1/users", json={"name": name, "role": "operator", "password": PASSWORD})
-    assert answer.status_code == 201, answer.text
-
-
-def stand_still(web: Any) -> None:
-    """The store's clock shows one time: however busy the machine is, no wait passes."""
-    now = web.service.store.clock()
-    object.__setattr__(web.service.store, "clock", lambda: now)
-
-
-async def session_of(web: Any, **given: str) -> tuple[str, str]:
-    """(cookie, CSRF word)"""
-    answer = await web.nobody.post("/api/v1/session", json=given)
-    web.nobody.cookies.clear()
-    assert answer.status_code == 200, answer.text
-    return answer.headers["set-cookie"].partition(";")[0], answer.json()["csrf"]
 
 
 async def test_guessing_is_slowed_down_whatever_the_name_and_nobody_learns_which_exist(web: Any) -> None:
