@@ -9,6 +9,7 @@ from typing import Any
 
 from sqlalchemy import Connection, RowMapping, func, insert, select, update
 
+from cellctl.domain.fleet import ANY
 from cellctl.domain.jobs import STEP_WORDS, JobState, step
 from cellctl.store import cell_table, lanes
 from cellctl.store.job_tables import job_counts, job_steps
@@ -33,6 +34,8 @@ class JobRow:
     priority : 1 goes first, 9 last; rank : place among those of one priority; not_before : Unix time, s
     made_from, made_how : the job that it was made from by rerun, clone or retry; changes : [{field, from, to}] of a clone
     cleared_at : when a person found the table cleared of its part; seq : number of the row, given by the store
+    cell : whose it is, empty: of none yet; cell_wanted : the one that was asked for, or `any` that it fits
+    claimed_by, claimed_at : the service that is about to start it, and since when (Unix s): it does not leave its cell meanwhile
     """
 
     id: str
@@ -75,6 +78,9 @@ class JobRow:
     seq: int = 0
     material_sha256: str = ""
     cell_sha256: str = ""
+    cell_wanted: str = ""
+    claimed_by: str = ""
+    claimed_at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,9 @@ def _columns(changes: dict[str, Any]) -> dict[str, Any]:
 
 def add(connection: Connection, job: JobRow) -> JobRow:
     """Add a submitted job, behind all others of its priority."""
+    wanted = job.cell_wanted or job.cell or ANY
     values = {**job.__dict__, "timestamps": {job.state.value: job.created_at}, "rank": lanes.last_rank(connection) + lanes.GAP}
+    values |= {"cell_wanted": wanted}
     del values["seq"]
     connection.execute(insert(jobs).values(**_columns({**values, "state": job.state.value})))
     why = {"rerun": "made once more from", "clone": "made with changes from", "retry": "tried again after"}.get(job.made_how, "")

@@ -7,6 +7,7 @@ from sqlalchemy import (
     BigInteger,
     Boolean,
     Column,
+    Double,
     ForeignKey,
     Index,
     Integer,
@@ -116,6 +117,9 @@ jobs = Table(
     Column("made_how", String(16), nullable=False, server_default=""),
     Column("changes", Text),
     Column("cleared_at", REAL),
+    Column("cell_wanted", Text, nullable=False, server_default=""),
+    Column("claimed_by", String(40), nullable=False, server_default=""),
+    Column("claimed_at", Double().with_variant(REAL, "sqlite")),
     Index("ix_jobs_state", "state"),
     Index("ix_jobs_continues_job", "continues_job"),
     Index("ix_jobs_changed", "changed"),
@@ -123,6 +127,7 @@ jobs = Table(
     Index("ix_jobs_rank", "rank"),
     Index("ix_jobs_confirmed", "state", "table_clear"),
     Index("ix_jobs_part", "part_id"),
+    Index("ix_jobs_cell", "cell", "state", "priority", "rank", "seq"),
     sqlite_autoincrement=True,
 )
 
@@ -379,4 +384,21 @@ webhooks = Table(
     Column("next_at", REAL, nullable=False, server_default="0"),
     Column("last_error", Text, nullable=False, server_default=""),
     Column("paused", Text, nullable=False, server_default=""),
+)
+
+# One row for each cell; its service writes it (fleet.py). heard_at: by the clock of the database, which all hosts share.
+fleet = Table(
+    "fleet",
+    metadata,
+    Column("cell", String(200), primary_key=True),
+    Column("owner", String(40), nullable=False, server_default=""),
+    Column("secret", String(64), nullable=False, server_default=""),
+    Column("host_url", Text, nullable=False, server_default=""),
+    Column("stop_url", Text, nullable=False, server_default=""),
+    Column("software", String(40), nullable=False, server_default=""),
+    Column("cell_sha256", String(64), nullable=False, server_default=""),
+    Column("facts", Text, nullable=False, server_default="{}"),
+    Column("state", String(32), nullable=False, server_default=""),
+    Column("doing", Text, nullable=False, server_default="{}"),
+    Column("heard_at", Double().with_variant(REAL, "sqlite"), nullable=False, server_default="0"),
 )
