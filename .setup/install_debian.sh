@@ -12,10 +12,11 @@ is_there() {
     case $1 in
         linuxcnc-uspace) command -v rs274 ;;                      # independent G-code interpreter
         libmodbus5) compgen -G '/usr/lib/*/libmodbus.so.5*' ;;    # independent Modbus slave
+        postgresql) compgen -G '/usr/lib/postgresql/*/bin/initdb' || command -v initdb ;; # database of a store that is shared
         *) command -v "$1" ;;                                     # chromium; mbpoll, a Modbus master; socat
     esac >/dev/null 2>&1
 }
-PACKAGES=(chromium mbpoll socat linuxcnc-uspace libmodbus5)
+PACKAGES=(chromium mbpoll socat linuxcnc-uspace libmodbus5 postgresql)
 
 say() { printf 'tools: %s\n' "$*"; }
 collect_missing() {
@@ -42,7 +43,16 @@ apt() {
         -o DPkg::Lock::Timeout=60 -o Acquire::Retries=1 -o Acquire::http::Timeout=15 -o Acquire::https::Timeout=15 "$@" \
         >>"$log" 2>&1 </dev/null
 }
-log=$(mktemp) && trap 'rm -f "$log"' EXIT
+# Debian's package would make a database server of the machine's own and start it; tests make theirs.
+NO_SERVER=/etc/postgresql-common/createcluster.d/hybridcell.conf
+tidy_up() {
+    rm -f "$log"
+    "${root[@]}" rm -f "$NO_SERVER"
+}
+log=$(mktemp) && trap tidy_up EXIT
+if [[ " ${missing[*]} " == *" postgresql "* ]]; then
+    "${root[@]}" mkdir -p "${NO_SERVER%/*}" && "${root[@]}" tee "$NO_SERVER" >/dev/null <<<'create_main_cluster = false'
+fi
 say "installing ${missing[*]}"
 apt update
 if ! apt install "${missing[@]}"; then

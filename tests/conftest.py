@@ -13,6 +13,9 @@ from hypothesis import settings
 
 from tests.hardware.bench_file import VARIABLE, BenchFileError, chosen_bench
 from tests.hardware.joined import AtBench, at_bench
+from tests.postgres import database, postgres
+
+__all__ = ["database", "postgres"]
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 

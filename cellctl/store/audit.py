@@ -13,7 +13,6 @@ from cellctl.store.pages import page
 from cellctl.store.schema import audit
 
 HASHED = ("at", "who", "role", "origin", "verb", "target", "because", "outcome")
-ONE_AT_A_TIME = text("LOCK TABLE audit IN SHARE ROW EXCLUSIVE MODE")  # of SQLite's writers there is only one anyway
 COUNTER = text("SELECT seq FROM sqlite_sequence WHERE name = 'audit'")
 
 
@@ -55,9 +54,7 @@ def _sha256(before: str, seq: int, values: dict[str, Any] | RowMapping) -> str:
 
 
 def add(connection: Connection, deed: Deed, at: float, outcome: str) -> int:
-    """Write down a deed and what came of it; returns its number. The transaction must be one that writes."""
-    if connection.dialect.name == "postgresql":
-        connection.execute(ONE_AT_A_TIME)
+    """Write down a deed and what came of it; returns its number. The transaction must be one that writes: of those there is one at a time."""
     last = connection.execute(select(audit.c.seq, audit.c.sha256).order_by(audit.c.seq.desc()).limit(1)).first()
     seq, before = (int(last.seq) + 1, str(last.sha256)) if last is not None else (1, "")
     values = {"at": at, "outcome": outcome, **deed.__dict__}

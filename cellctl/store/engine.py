@@ -16,6 +16,7 @@ from sqlalchemy.exc import DatabaseError
 
 from cellctl.domain.trouble import trouble_of
 from cellctl.store.blobs import Blobs
+from cellctl.store.postgres import only_reading
 
 BUSY_TIMEOUT_MS = 10_000  # the cell process commits ten times a second; a writer waits for it rather than fails
 DATABASE = "store.db"
@@ -69,7 +70,7 @@ class Store:
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """A transaction that sees one state of the store and changes nothing."""
-        with self.in_use.one(), self.engine.connect() as connection, connection.begin():
+        with self.in_use.one(), reading(self.engine) as connection, connection.begin():
             yield connection
 
     @contextmanager
@@ -83,6 +84,12 @@ class Store:
         """Give back every connection, once the transactions that are under way have ended."""
         self.in_use.wait(BUSY_TIMEOUT_MS / 1000)
         self.engine.dispose()
+
+
+def reading(engine: Engine) -> Connection:
+    """A connection whose transactions see one state of the store and change nothing."""
+    connection = engine.connect()
+    return only_reading(connection) if engine.dialect.name == "postgresql" else connection
 
 
 def open_engine(database: Path) -> Engine:
@@ -108,10 +115,6 @@ def open_engine(database: Path) -> Engine:
 
 def upgrade(folder: Path) -> None:
     """Make the folder and its database, or bring them to the newest schema. Raises StoreError if that is impossible."""
-    from alembic import command
-    from alembic.config import Config
-    from alembic.util.exc import CommandError
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.chmod(folder, 0o700)
@@ -120,22 +123,30 @@ def upgrade(folder: Path) -> None:
         raise StoreError(
             f"{folder}: cannot be used as a store: {error.strerror}", "name a folder that can be written with --store"
         ) from None
+    engine = open_engine(folder / DATABASE)
+    try:
+        migrate(engine, str(folder / DATABASE))
+    finally:
+        engine.dispose()
+
+
+def migrate(engine: Engine, name: str) -> None:
+    """Bring a database to the newest schema. name : as it is told in errors. Raises StoreError."""
+    from alembic import command
+    from alembic.config import Config
+    from alembic.util.exc import CommandError
+
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
-    config.attributes["engine"] = engine = open_engine(folder / DATABASE)
+    config.attributes["engine"] = engine
     try:
         command.upgrade(config, "head")
     except CommandError as error:
-        raise StoreError(
-            f"{folder / DATABASE}: was written by another version: {error}",
-            "use the version that wrote it, or a fresh --store",
-        ) from None
+        raise StoreError(f"{name}: was written by another version: {error}", "use the version that wrote it, or a fresh --store") from None
     except DatabaseError as error:
         trouble = trouble_of(error)
         hint = trouble.hint if trouble is not None else "it may be damaged: restore a backup, or name a fresh --store"
-        raise StoreError(f"{folder / DATABASE}: {error.orig}", hint) from None
-    finally:
-        engine.dispose()
+        raise StoreError(f"{name}: {error.orig}", hint) from None
 
 
 def open_store(folder: Path, clock: Callable[[], float] = time.time) -> Store:

@@ -13,7 +13,8 @@ from cellctl.store.schema import idempotency
 KEPT_S = 30 * 86_400.0  # a request is not sent a second time after so long
 FORGOTTEN_AT_ONCE = 20  # keys looked at, the oldest first, with every one that comes: faster than they come
 FORGET = text(
-    "DELETE FROM idempotency WHERE created_at < :before AND rowid IN (SELECT rowid FROM idempotency ORDER BY rowid LIMIT :count)"
+    "DELETE FROM idempotency WHERE created_at < :before "
+    "AND (who, key) IN (SELECT who, key FROM idempotency ORDER BY created_at LIMIT :count)"
 )
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from sqlalchemy import REAL, Column, ForeignKey, Index, PrimaryKeyConstraint, String, Table, Text
+from sqlalchemy import Column, ForeignKey, Index, PrimaryKeyConstraint, String, Table, Text
 
-from cellctl.store.schema import BigInt, metadata
+from cellctl.store.schema import BigInt, Real, metadata
 
 
 def _job(name: str = "job_id") -> Column[str]:
@@ -16,7 +16,7 @@ job_steps = Table(
     metadata,
     Column("seq", BigInt, primary_key=True, autoincrement=True),
     _job(),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("left", String(32), nullable=False),
     Column("state", String(32), nullable=False),
     Column("why", Text, nullable=False),
@@ -39,7 +39,7 @@ job_notes = Table(
     metadata,
     Column("seq", BigInt, primary_key=True, autoincrement=True),
     _job(),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("who", Text, nullable=False),
     Column("text", Text, nullable=False),
     Index("ix_job_notes_job", "job_id", "seq"),
@@ -52,7 +52,7 @@ job_attachments = Table(
     Column("seq", BigInt, primary_key=True, autoincrement=True),
     Column("id", String(40), nullable=False, unique=True),
     _job(),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("who", Text, nullable=False),
     Column("name", Text, nullable=False),
     Column("kind", String(40), nullable=False),
@@ -91,8 +91,8 @@ cell_tables = Table(
     metadata,
     Column("cell", String(200), primary_key=True),
     Column("job_id", String(40), nullable=False, server_default=""),
-    Column("since", REAL, nullable=False, server_default="0"),
-    Column("cleared_at", REAL),
+    Column("since", Real, nullable=False, server_default="0"),
+    Column("cleared_at", Real),
     Column("cleared_by", Text, nullable=False, server_default=""),
     Column("because", Text, nullable=False, server_default=""),
 )

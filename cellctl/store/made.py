@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from sqlalchemy import Connection, Table, select
-from sqlalchemy.dialects.sqlite import insert
+from sqlalchemy.dialects import postgresql, sqlite
 
 from cellctl.store.schema import plans, programs, proofs
 
@@ -33,6 +33,5 @@ def find(connection: Connection, kind: Kind, key: str) -> Made | None:
 def add(connection: Connection, kind: Kind, key: str, made: Made, at: float) -> None:
     """Remember it; a second one for the same key takes its place."""
     values = {"sha256": made.sha256, "summary": json.dumps(made.summary), "created_at": at}
-    connection.execute(
-        insert(TABLES[kind]).values(key=key, **values).on_conflict_do_update(index_elements=["key"], set_=values)
-    )
+    insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    connection.execute(insert(TABLES[kind]).values(key=key, **values).on_conflict_do_update(index_elements=["key"], set_=values))

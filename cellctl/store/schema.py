@@ -23,6 +23,7 @@ from sqlalchemy import (
 metadata = MetaData()
 
 BigInt = BigInteger().with_variant(Integer, "sqlite")
+Real = Double().with_variant(REAL, "sqlite")  # eight bytes in both: PostgreSQL's REAL has four, too few for a time
 NEXT_CHANGE = text("(SELECT coalesce(max(changed), 0) + 1 FROM jobs)")
 """Numbers every change to a job in the order in which changes are committed: whoever knows one asks for what came after it."""
 
@@ -39,9 +40,9 @@ parts = Table(
     Column("bytes", BigInt, nullable=False),
     Column("bbox_mm", Text, nullable=False),
     Column("facets", BigInt, nullable=False),
-    Column("volume_mm3", REAL, nullable=False),
+    Column("volume_mm3", Real, nullable=False),
     Column("findings", Text, nullable=False),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
     Column("created_by", Text, nullable=False),
     sqlite_autoincrement=True,
 )
@@ -52,7 +53,7 @@ plans = Table(
     Column("key", String(64), primary_key=True),
     Column("sha256", String(64), nullable=False),
     Column("summary", Text, nullable=False),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
 )
 
 programs = Table(
@@ -61,7 +62,7 @@ programs = Table(
     Column("key", String(64), primary_key=True),
     Column("sha256", String(64), nullable=False),
     Column("summary", Text, nullable=False),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
 )
 
 proofs = Table(
@@ -70,7 +71,7 @@ proofs = Table(
     Column("key", String(64), primary_key=True),
     Column("sha256", String(64), nullable=False),
     Column("summary", Text, nullable=False),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
 )
 
 jobs = Table(
@@ -93,13 +94,13 @@ jobs = Table(
     Column("layers", Integer, nullable=False, server_default="0"),
     Column("lines_total", Integer, nullable=False, server_default="0"),
     Column("lines_executed", Integer, nullable=False, server_default="0"),
-    Column("duration_s", REAL, nullable=False, server_default="0"),
+    Column("duration_s", Real, nullable=False, server_default="0"),
     Column("approved_by", Text, nullable=False, server_default=""),
     Column("approve_because", Text, nullable=False, server_default=""),
     Column("override_reason", Text, nullable=False, server_default=""),
     Column("table_clear", Boolean, nullable=False, server_default="0"),
     Column("timestamps", Text, nullable=False, server_default="{}"),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
     Column("created_by", Text, nullable=False),
     Column("continues_job", String(40)),
     Column("resume_point", Text),
@@ -111,15 +112,15 @@ jobs = Table(
     Column("changed", BigInt, nullable=False, server_default="0", default=NEXT_CHANGE, onupdate=NEXT_CHANGE),
     Column("priority", Integer, nullable=False, server_default="5"),
     Column("rank", BigInt, nullable=False, server_default="0"),
-    Column("not_before", REAL),
+    Column("not_before", Real),
     Column("tags", Text, nullable=False, server_default="[]"),
     Column("made_from", String(40)),
     Column("made_how", String(16), nullable=False, server_default=""),
     Column("changes", Text),
-    Column("cleared_at", REAL),
+    Column("cleared_at", Real),
     Column("cell_wanted", Text, nullable=False, server_default=""),
     Column("claimed_by", String(40), nullable=False, server_default=""),
-    Column("claimed_at", Double().with_variant(REAL, "sqlite")),
+    Column("claimed_at", Real),
     Index("ix_jobs_state", "state"),
     Index("ix_jobs_continues_job", "continues_job"),
     Index("ix_jobs_changed", "changed"),
@@ -138,9 +139,9 @@ tokens = Table(
     Column("name", Text, nullable=False),
     Column("role", String(16), nullable=False),
     Column("sha256", String(64), nullable=False, unique=True),
-    Column("created_at", REAL, nullable=False),
-    Column("expires_at", REAL),
-    Column("revoked_at", REAL),
+    Column("created_at", Real, nullable=False),
+    Column("expires_at", Real),
+    Column("revoked_at", Real),
     Column("scopes", Text, nullable=False, server_default=""),
 )
 
@@ -151,9 +152,9 @@ users = Table(
     Column("name", String(64), nullable=False, unique=True),
     Column("role", String(16), nullable=False),
     Column("password_hash", Text, nullable=False),
-    Column("created_at", REAL, nullable=False),
-    Column("password_at", REAL, nullable=False),
-    Column("disabled_at", REAL),
+    Column("created_at", Real, nullable=False),
+    Column("password_at", Real, nullable=False),
+    Column("disabled_at", Real),
 )
 
 sessions = Table(
@@ -162,9 +163,9 @@ sessions = Table(
     Column("sha256", String(64), primary_key=True),
     Column("token_id", String(40), ForeignKey("tokens.id")),
     Column("user_id", String(40), ForeignKey("users.id")),
-    Column("created_at", REAL, nullable=False),
-    Column("seen_at", REAL, nullable=False),
-    Column("expires_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
+    Column("seen_at", Real, nullable=False),
+    Column("expires_at", Real, nullable=False),
 )
 
 # Failed sign-ins by account, by address, and by both; free_at: from when on the next one is looked at.
@@ -173,8 +174,8 @@ sign_in_tries = Table(
     metadata,
     Column("key", String(200), primary_key=True),
     Column("failures", Integer, nullable=False),
-    Column("last_at", REAL, nullable=False),
-    Column("free_at", REAL, nullable=False),
+    Column("last_at", Real, nullable=False),
+    Column("free_at", Real, nullable=False),
 )
 
 # Triggers of the migration refuse every change of a row that is there.
@@ -182,7 +183,7 @@ audit = Table(
     "audit",
     metadata,
     Column("seq", BigInt, primary_key=True, autoincrement=True),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("who", Text, nullable=False),
     Column("role", String(16), nullable=False),
     Column("origin", Text, nullable=False),
@@ -202,7 +203,8 @@ idempotency = Table(
     Column("key", String(200), primary_key=True),
     Column("request_sha256", String(64), nullable=False),
     Column("answer", Text, nullable=False),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
+    Index("ix_idempotency_created", "created_at"),
 )
 
 uploads = Table(
@@ -215,8 +217,8 @@ uploads = Table(
     Column("sha256", String(64), nullable=False, server_default=""),
     Column("bytes", BigInt, nullable=False),
     Column("received", BigInt, nullable=False, server_default="0"),
-    Column("created_at", REAL, nullable=False),
-    Column("touched_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
+    Column("touched_at", Real, nullable=False),
     Column("part_id", String(40)),
 )
 
@@ -229,7 +231,7 @@ material_versions = Table(
     Column("sha256", String(64), nullable=False),
     Column("toml", Text, nullable=False),
     Column("because", Text, nullable=False, server_default=""),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
     Column("created_by", Text, nullable=False),
     UniqueConstraint("name", "version", name="uq_material_versions_name"),
     sqlite_autoincrement=True,
@@ -244,8 +246,8 @@ cell_versions = Table(
     Column("sha256", String(64), nullable=False),
     Column("facts", Text, nullable=False),
     Column("file", Text, nullable=False, server_default=""),
-    Column("first_seen_at", REAL, nullable=False),
-    Column("last_seen_at", REAL, nullable=False),
+    Column("first_seen_at", Real, nullable=False),
+    Column("last_seen_at", Real, nullable=False),
     Column("starts", Integer, nullable=False, server_default="1"),
     UniqueConstraint("name", "version", name="uq_cell_versions_name"),
     sqlite_autoincrement=True,
@@ -257,7 +259,7 @@ measured = Table(
     metadata,
     Column("seq", Integer, primary_key=True, autoincrement=True),
     Column("cell", Text, nullable=False),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("who", Text, nullable=False),
     Column("because", Text, nullable=False, server_default=""),
     Column("what", Text, nullable=False, server_default=""),
@@ -271,7 +273,7 @@ events = Table(
     "events",
     metadata,
     Column("seq", Integer, primary_key=True, autoincrement=True),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("kind", Text, nullable=False),
     Column("text", Text, nullable=False),
     Column("job", Text, nullable=False, server_default=""),
@@ -286,31 +288,31 @@ journal = Table(
     "journal",
     metadata,
     Column("id", Integer, primary_key=True, autoincrement=True),
-    Column("at", REAL),
+    Column("at", Real),
     Column("job", Text),
     Column("state", Text),
     Column("executed_line", Integer),
     Column("layer", Integer),
-    Column("arc_mm", REAL),
-    Column("laser_setpoint_w", REAL),
-    Column("laser_readback_w", REAL),
-    Column("powder_setpoint_g_min", REAL),
-    Column("powder_readback_g_min", REAL),
-    Column("tip_x", REAL),
-    Column("tip_y", REAL),
-    Column("tip_z", REAL),
-    Column("carrier_gas_setpoint_l_min", REAL),
-    Column("carrier_gas_readback_l_min", REAL),
-    Column("shield_gas_setpoint_l_min", REAL),
-    Column("shield_gas_readback_l_min", REAL),
-    Column("tip_speed_mm_s", REAL),
-    Column("planner_fill_percent", REAL),
-    Column("rx_fill_percent", REAL),
-    Column("tick_jitter_ms", REAL),
-    Column("spindle_rpm", REAL),
-    Column("feed_override_percent", REAL),
-    Column("laser_override_percent", REAL),
-    Column("powder_override_percent", REAL),
+    Column("arc_mm", Real),
+    Column("laser_setpoint_w", Real),
+    Column("laser_readback_w", Real),
+    Column("powder_setpoint_g_min", Real),
+    Column("powder_readback_g_min", Real),
+    Column("tip_x", Real),
+    Column("tip_y", Real),
+    Column("tip_z", Real),
+    Column("carrier_gas_setpoint_l_min", Real),
+    Column("carrier_gas_readback_l_min", Real),
+    Column("shield_gas_setpoint_l_min", Real),
+    Column("shield_gas_readback_l_min", Real),
+    Column("tip_speed_mm_s", Real),
+    Column("planner_fill_percent", Real),
+    Column("rx_fill_percent", Real),
+    Column("tick_jitter_ms", Real),
+    Column("spindle_rpm", Real),
+    Column("feed_override_percent", Real),
+    Column("laser_override_percent", Real),
+    Column("powder_override_percent", Real),
     Column("interlocks", Integer),
     Index("ix_journal_job", "job"),
     Index("ix_journal_at", "at"),
@@ -335,8 +337,8 @@ cell_runs = Table(
     Column("name", Text),
     Column("program", Text),
     Column("program_sha256", Text),
-    Column("started_at", REAL),
-    Column("ended_at", REAL),
+    Column("started_at", Real),
+    Column("ended_at", Real),
     Column("outcome", Text),
     Column("last_line", Integer),
     Column("total_lines", Integer),
@@ -349,7 +351,7 @@ consumables = Table(
     "consumables",
     metadata,
     Column("seq", BigInt, primary_key=True, autoincrement=True),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("who", Text, nullable=False),
     Column("kind", String(16), nullable=False),
     Column("lot", Text, nullable=False),
@@ -363,7 +365,7 @@ records = Table(
     metadata,
     Column("job", String(40), ForeignKey("jobs.id"), primary_key=True),
     Column("manifest_sha256", String(64), nullable=False),
-    Column("at", REAL, nullable=False),
+    Column("at", Real, nullable=False),
     Column("samples", BigInt, nullable=False),
 )
 
@@ -374,14 +376,14 @@ webhooks = Table(
     Column("url", Text, nullable=False),
     Column("topics", Text, nullable=False),
     Column("secret", Text, nullable=False),
-    Column("created_at", REAL, nullable=False),
+    Column("created_at", Real, nullable=False),
     Column("created_by", Text, nullable=False),
     Column("step_seq", BigInt, nullable=False, server_default="0"),
     Column("event_seq", BigInt, nullable=False, server_default="0"),
-    Column("delivered_at", REAL),
-    Column("failing_since", REAL),
+    Column("delivered_at", Real),
+    Column("failing_since", Real),
     Column("failures", Integer, nullable=False, server_default="0"),
-    Column("next_at", REAL, nullable=False, server_default="0"),
+    Column("next_at", Real, nullable=False, server_default="0"),
     Column("last_error", Text, nullable=False, server_default=""),
     Column("paused", Text, nullable=False, server_default=""),
 )
@@ -400,5 +402,5 @@ fleet = Table(
     Column("facts", Text, nullable=False, server_default="{}"),
     Column("state", String(32), nullable=False, server_default=""),
     Column("doing", Text, nullable=False, server_default="{}"),
-    Column("heard_at", Double().with_variant(REAL, "sqlite"), nullable=False, server_default="0"),
+    Column("heard_at", Real, nullable=False, server_default="0"),
 )

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,8 +17,23 @@ from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
 from cellctl.store.pages import CursorError
 from cellctl.store.parts import Inspection, PartRow
+from cellctl.store.postgres import open_postgres
 from cellctl.store.schema import metadata
 from cellctl.store.tokens import Role
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def store(request: pytest.FixtureRequest, store: Store) -> Iterator[Store]:
+    """A store of one's own, in a file, or with what is shared on a server."""
+    if request.param == "sqlite":
+        yield store
+        return
+    shared = replace(store, engine=open_postgres(request.getfixturevalue("database")))
+    yield shared
+    shared.close()
+
+
+in_a_file = pytest.mark.parametrize("store", ["sqlite"], indirect=True)
 
 
 def part_in(store: Store) -> str:
@@ -38,6 +55,7 @@ def test_migrations_make_the_tables_of_the_schema(store: Store) -> None:
         assert compare_metadata(MigrationContext.configure(rows), metadata) == []
 
 
+@in_a_file
 def test_upgrade_of_a_store_that_is_up_to_date_changes_nothing(store: Store) -> None:
     part_id = part_in(store)
     upgrade(store.folder)
@@ -45,6 +63,7 @@ def test_upgrade_of_a_store_that_is_up_to_date_changes_nothing(store: Store) -> 
         assert parts.get(rows, part_id).name == "block"
 
 
+@in_a_file
 def test_every_connection_writes_ahead_and_waits_for_the_disk(store: Store) -> None:
     with store.read() as rows:
         assert rows.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
@@ -52,6 +71,7 @@ def test_every_connection_writes_ahead_and_waits_for_the_disk(store: Store) -> N
         assert rows.exec_driver_sql("PRAGMA foreign_keys").scalar_one() == 1
 
 
+@in_a_file
 def test_plain_sql_of_the_cell_process_fits_its_tables(store: Store) -> None:
     with closing(sqlite3.connect(store.folder / "store.db")) as connection, connection:
         for _ in range(2):
@@ -60,6 +80,7 @@ def test_plain_sql_of_the_cell_process_fits_its_tables(store: Store) -> None:
     connection.close()
 
 
+@in_a_file
 def test_store_of_a_newer_version_is_refused_in_one_line(store: Store) -> None:
     with closing(sqlite3.connect(store.folder / "store.db")) as connection, connection:
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
@@ -92,6 +113,7 @@ def test_transaction_that_fails_leaves_nothing(store: Store) -> None:
         assert jobs.get(rows, job.id) == job
 
 
+@in_a_file
 @pytest.mark.parametrize("state", list(JobState))
 def test_job_moves_along_the_table_only(store: Store, state: JobState) -> None:
     part_id = part_in(store)
@@ -121,6 +143,7 @@ def test_pages_hold_every_job_once_while_others_are_added(store: Store) -> None:
     assert seen == made[::-1]
 
 
+@in_a_file
 @pytest.mark.parametrize(
     "cursor", ["", "x", "////", "YmVmb3JlOi0x", "YWZ0ZXI6MQ", "YmVmb3JlOjk5OTk5OTk5OTk5OTk5OTk5OTk5OTk"]
 )

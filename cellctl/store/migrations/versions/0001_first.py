@@ -9,6 +9,7 @@ branch_labels = None
 depends_on = None
 
 BIG = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 
 
 def _parts() -> None:
@@ -24,9 +25,9 @@ def _parts() -> None:
         sa.Column("bytes", BIG, nullable=False),
         sa.Column("bbox_mm", sa.Text(), nullable=False),
         sa.Column("facets", BIG, nullable=False),
-        sa.Column("volume_mm3", sa.REAL(), nullable=False),
+        sa.Column("volume_mm3", REAL, nullable=False),
         sa.Column("findings", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.Column("created_by", sa.Text(), nullable=False),
         sa.PrimaryKeyConstraint("seq"),
         sa.UniqueConstraint("id"),
@@ -40,7 +41,7 @@ def _plans() -> None:
         sa.Column("key", sa.String(length=64), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),
         sa.Column("summary", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.PrimaryKeyConstraint("key"),
     )
 
@@ -51,7 +52,7 @@ def _programs() -> None:
         sa.Column("key", sa.String(length=64), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),
         sa.Column("summary", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.PrimaryKeyConstraint("key"),
     )
 
@@ -62,7 +63,7 @@ def _proofs() -> None:
         sa.Column("key", sa.String(length=64), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),
         sa.Column("summary", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.PrimaryKeyConstraint("key"),
     )
 
@@ -87,13 +88,13 @@ def _jobs() -> None:
         sa.Column("layers", sa.Integer(), server_default="0", nullable=False),
         sa.Column("lines_total", sa.Integer(), server_default="0", nullable=False),
         sa.Column("lines_executed", sa.Integer(), server_default="0", nullable=False),
-        sa.Column("duration_s", sa.REAL(), server_default="0", nullable=False),
+        sa.Column("duration_s", REAL, server_default="0", nullable=False),
         sa.Column("approved_by", sa.Text(), server_default="", nullable=False),
         sa.Column("approve_because", sa.Text(), server_default="", nullable=False),
         sa.Column("override_reason", sa.Text(), server_default="", nullable=False),
         sa.Column("table_clear", sa.Boolean(), server_default="0", nullable=False),
         sa.Column("timestamps", sa.Text(), server_default="{}", nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.Column("created_by", sa.Text(), nullable=False),
         sa.ForeignKeyConstraint(
             ["part_id"],
@@ -113,9 +114,9 @@ def _tokens() -> None:
         sa.Column("name", sa.Text(), nullable=False),
         sa.Column("role", sa.String(length=16), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
-        sa.Column("expires_at", sa.REAL(), nullable=True),
-        sa.Column("revoked_at", sa.REAL(), nullable=True),
+        sa.Column("created_at", REAL, nullable=False),
+        sa.Column("expires_at", REAL, nullable=True),
+        sa.Column("revoked_at", REAL, nullable=True),
         sa.PrimaryKeyConstraint("id"),
         sa.UniqueConstraint("sha256"),
     )
@@ -126,8 +127,8 @@ def _sessions() -> None:
         "sessions",
         sa.Column("sha256", sa.String(length=64), nullable=False),
         sa.Column("token_id", sa.String(length=40), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
-        sa.Column("expires_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
+        sa.Column("expires_at", REAL, nullable=False),
         sa.ForeignKeyConstraint(
             ["token_id"],
             ["tokens.id"],
@@ -140,7 +141,7 @@ def _audit() -> None:
     op.create_table(
         "audit",
         sa.Column("seq", BIG, autoincrement=True, nullable=False),
-        sa.Column("at", sa.REAL(), nullable=False),
+        sa.Column("at", REAL, nullable=False),
         sa.Column("who", sa.Text(), nullable=False),
         sa.Column("role", sa.String(length=16), nullable=False),
         sa.Column("origin", sa.Text(), nullable=False),
@@ -161,7 +162,7 @@ def _idempotency() -> None:
         sa.Column("key", sa.String(length=200), nullable=False),
         sa.Column("request_sha256", sa.String(length=64), nullable=False),
         sa.Column("answer", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.PrimaryKeyConstraint("who", "key"),
     )
 
@@ -170,7 +171,7 @@ def _events() -> None:
     op.create_table(
         "events",
         sa.Column("seq", sa.Integer(), autoincrement=True, nullable=False),
-        sa.Column("at", sa.REAL(), nullable=False),
+        sa.Column("at", REAL, nullable=False),
         sa.Column("kind", sa.Text(), nullable=False),
         sa.Column("text", sa.Text(), nullable=False),
         sa.Column("job", sa.Text(), server_default="", nullable=False),
@@ -185,19 +186,19 @@ def _journal() -> None:
     op.create_table(
         "journal",
         sa.Column("id", sa.Integer(), autoincrement=True, nullable=False),
-        sa.Column("at", sa.REAL(), nullable=True),
+        sa.Column("at", REAL, nullable=True),
         sa.Column("job", sa.Text(), nullable=True),
         sa.Column("state", sa.Text(), nullable=True),
         sa.Column("executed_line", sa.Integer(), nullable=True),
         sa.Column("layer", sa.Integer(), nullable=True),
-        sa.Column("arc_mm", sa.REAL(), nullable=True),
-        sa.Column("laser_setpoint_w", sa.REAL(), nullable=True),
-        sa.Column("laser_readback_w", sa.REAL(), nullable=True),
-        sa.Column("powder_setpoint_g_min", sa.REAL(), nullable=True),
-        sa.Column("powder_readback_g_min", sa.REAL(), nullable=True),
-        sa.Column("tip_x", sa.REAL(), nullable=True),
-        sa.Column("tip_y", sa.REAL(), nullable=True),
-        sa.Column("tip_z", sa.REAL(), nullable=True),
+        sa.Column("arc_mm", REAL, nullable=True),
+        sa.Column("laser_setpoint_w", REAL, nullable=True),
+        sa.Column("laser_readback_w", REAL, nullable=True),
+        sa.Column("powder_setpoint_g_min", REAL, nullable=True),
+        sa.Column("powder_readback_g_min", REAL, nullable=True),
+        sa.Column("tip_x", REAL, nullable=True),
+        sa.Column("tip_y", REAL, nullable=True),
+        sa.Column("tip_z", REAL, nullable=True),
         sa.PrimaryKeyConstraint("id"),
         sqlite_autoincrement=True,
     )
@@ -211,8 +212,8 @@ def _cell_runs() -> None:
         sa.Column("name", sa.Text(), nullable=True),
         sa.Column("program", sa.Text(), nullable=True),
         sa.Column("program_sha256", sa.Text(), nullable=True),
-        sa.Column("started_at", sa.REAL(), nullable=True),
-        sa.Column("ended_at", sa.REAL(), nullable=True),
+        sa.Column("started_at", REAL, nullable=True),
+        sa.Column("ended_at", REAL, nullable=True),
         sa.Column("outcome", sa.Text(), nullable=True),
         sa.Column("last_line", sa.Integer(), nullable=True),
         sa.Column("total_lines", sa.Integer(), nullable=True),

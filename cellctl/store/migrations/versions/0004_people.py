@@ -14,6 +14,7 @@ revision = "0004"
 down_revision = "0003"
 branch_labels = None
 depends_on = None
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 
 HASHED = ("at", "who", "role", "origin", "verb", "target", "because", "outcome")
 SQLITE_GUARDS = {
@@ -42,9 +43,9 @@ def upgrade() -> None:
         sa.Column("name", sa.String(length=64), nullable=False),
         sa.Column("role", sa.String(length=16), nullable=False),
         sa.Column("password_hash", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
-        sa.Column("password_at", sa.REAL(), nullable=False),
-        sa.Column("disabled_at", sa.REAL(), nullable=True),
+        sa.Column("created_at", REAL, nullable=False),
+        sa.Column("password_at", REAL, nullable=False),
+        sa.Column("disabled_at", REAL, nullable=True),
         sa.PrimaryKeyConstraint("id"),
         sa.UniqueConstraint("name"),
     )
@@ -52,8 +53,8 @@ def upgrade() -> None:
         "sign_in_tries",
         sa.Column("key", sa.String(length=200), nullable=False),
         sa.Column("failures", sa.Integer(), nullable=False),
-        sa.Column("last_at", sa.REAL(), nullable=False),
-        sa.Column("free_at", sa.REAL(), nullable=False),
+        sa.Column("last_at", REAL, nullable=False),
+        sa.Column("free_at", REAL, nullable=False),
         sa.PrimaryKeyConstraint("key"),
     )
     op.add_column("tokens", sa.Column("scopes", sa.Text(), nullable=False, server_default=""))
@@ -82,15 +83,15 @@ def downgrade() -> None:
 
 
 def _sessions(*more: sa.Column[str], nullable: bool) -> None:
-    idle: list[sa.Column[float]] = [sa.Column("seen_at", sa.REAL(), nullable=False)] if more else []
+    idle: list[sa.Column[float]] = [sa.Column("seen_at", REAL, nullable=False)] if more else []
     op.create_table(
         "sessions",
         sa.Column("sha256", sa.String(length=64), nullable=False),
         sa.Column("token_id", sa.String(length=40), sa.ForeignKey("tokens.id"), nullable=nullable),
         *more,
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         *idle,
-        sa.Column("expires_at", sa.REAL(), nullable=False),
+        sa.Column("expires_at", REAL, nullable=False),
         sa.PrimaryKeyConstraint("sha256"),
     )
 

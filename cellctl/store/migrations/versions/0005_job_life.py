@@ -14,16 +14,17 @@ down_revision = "0004"
 branch_labels = None
 depends_on = None
 BIG = sa.BigInteger().with_variant(sa.Integer, "sqlite")
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 RANK_GAP = 2**20
 COLUMNS: tuple[tuple[str, Any, dict[str, Any]], ...] = (
     ("priority", sa.Integer(), {"nullable": False, "server_default": "5"}),
     ("rank", BIG, {"nullable": False, "server_default": "0"}),
-    ("not_before", sa.REAL(), {}),
+    ("not_before", REAL, {}),
     ("tags", sa.Text(), {"nullable": False, "server_default": "[]"}),
     ("made_from", sa.String(40), {}),
     ("made_how", sa.String(16), {"nullable": False, "server_default": ""}),
     ("changes", sa.Text(), {}),
-    ("cleared_at", sa.REAL(), {}),
+    ("cleared_at", REAL, {}),
 )
 INDEXES = (
     ("ix_jobs_queue", "jobs", ["state", "priority", "rank", "seq"]),
@@ -47,7 +48,7 @@ def _numbered(name: str, *columns: sa.Column[Any]) -> None:
 
 
 def _at() -> sa.Column[Any]:
-    return sa.Column("at", sa.REAL(), nullable=False)
+    return sa.Column("at", REAL, nullable=False)
 
 
 def _who() -> sa.Column[Any]:
@@ -82,8 +83,8 @@ def _standings() -> None:
         "cell_tables",
         sa.Column("cell", sa.String(200), primary_key=True),
         sa.Column("job_id", sa.String(40), nullable=False, server_default=""),
-        sa.Column("since", sa.REAL(), nullable=False, server_default="0"),
-        sa.Column("cleared_at", sa.REAL()),
+        sa.Column("since", REAL, nullable=False, server_default="0"),
+        sa.Column("cleared_at", REAL),
         sa.Column("cleared_by", sa.Text(), nullable=False, server_default=""),
         sa.Column("because", sa.Text(), nullable=False, server_default=""),
     )

@@ -12,6 +12,7 @@ down_revision = "0005"
 branch_labels = None
 depends_on = None
 BIG = sa.BigInteger().with_variant(sa.Integer, "sqlite")
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 
 
 def upgrade() -> None:
@@ -25,8 +26,8 @@ def upgrade() -> None:
         sa.Column("sha256", sa.String(64), nullable=False, server_default=""),
         sa.Column("bytes", BIG, nullable=False),
         sa.Column("received", BIG, nullable=False, server_default="0"),
-        sa.Column("created_at", sa.REAL(), nullable=False),
-        sa.Column("touched_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
+        sa.Column("touched_at", REAL, nullable=False),
         sa.Column("part_id", sa.String(40)),
     )
     op.create_table(
@@ -37,7 +38,7 @@ def upgrade() -> None:
         sa.Column("sha256", sa.String(64), nullable=False),
         sa.Column("toml", sa.Text(), nullable=False),
         sa.Column("because", sa.Text(), nullable=False, server_default=""),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.Column("created_by", sa.Text(), nullable=False),
         sa.UniqueConstraint("name", "version", name="uq_material_versions_name"),
         sqlite_autoincrement=True,
@@ -50,8 +51,8 @@ def upgrade() -> None:
         sa.Column("sha256", sa.String(64), nullable=False),
         sa.Column("facts", sa.Text(), nullable=False),
         sa.Column("file", sa.Text(), nullable=False, server_default=""),
-        sa.Column("first_seen_at", sa.REAL(), nullable=False),
-        sa.Column("last_seen_at", sa.REAL(), nullable=False),
+        sa.Column("first_seen_at", REAL, nullable=False),
+        sa.Column("last_seen_at", REAL, nullable=False),
         sa.Column("starts", sa.Integer(), nullable=False, server_default="1"),
         sa.UniqueConstraint("name", "version", name="uq_cell_versions_name"),
         sqlite_autoincrement=True,

@@ -12,6 +12,7 @@ down_revision = "0006"
 branch_labels = None
 depends_on = None
 BIG = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 FIGURES = (
     *("carrier_gas_setpoint_l_min", "carrier_gas_readback_l_min", "shield_gas_setpoint_l_min", "shield_gas_readback_l_min"),
     *("tip_speed_mm_s", "planner_fill_percent", "rx_fill_percent", "tick_jitter_ms", "spindle_rpm"),
@@ -23,7 +24,7 @@ INDEXES = (("ix_journal_at", "journal", ["at"]), ("ix_events_at", "events", ["at
 def upgrade() -> None:
     """Add the columns (null in older samples), the levels and the indexes."""
     for name in FIGURES:
-        op.add_column("journal", sa.Column(name, sa.REAL(), nullable=True))
+        op.add_column("journal", sa.Column(name, REAL, nullable=True))
     op.add_column("journal", sa.Column("interlocks", sa.Integer(), nullable=True))
     op.create_table(
         "trend_levels",

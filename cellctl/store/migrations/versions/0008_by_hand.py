@@ -11,6 +11,7 @@ revision = "0008"
 down_revision = "0007"
 branch_labels = None
 depends_on = None
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 
 
 def upgrade() -> None:
@@ -21,7 +22,7 @@ def upgrade() -> None:
         "measured",
         sa.Column("seq", sa.Integer(), primary_key=True, autoincrement=True),
         sa.Column("cell", sa.Text(), nullable=False),
-        sa.Column("at", sa.REAL(), nullable=False),
+        sa.Column("at", REAL, nullable=False),
         sa.Column("who", sa.Text(), nullable=False),
         sa.Column("because", sa.Text(), nullable=False, server_default=""),
         sa.Column("what", sa.Text(), nullable=False, server_default=""),

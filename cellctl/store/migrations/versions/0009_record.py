@@ -13,6 +13,7 @@ branch_labels = None
 depends_on = None
 
 BIG = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 
 
 def upgrade() -> None:
@@ -20,7 +21,7 @@ def upgrade() -> None:
     op.create_table(
         "consumables",
         sa.Column("seq", BIG, primary_key=True, autoincrement=True),
-        sa.Column("at", sa.REAL(), nullable=False),
+        sa.Column("at", REAL, nullable=False),
         sa.Column("who", sa.Text(), nullable=False),
         sa.Column("kind", sa.String(16), nullable=False),
         sa.Column("lot", sa.Text(), nullable=False),
@@ -32,7 +33,7 @@ def upgrade() -> None:
         "records",
         sa.Column("job", sa.String(40), sa.ForeignKey("jobs.id"), primary_key=True),
         sa.Column("manifest_sha256", sa.String(64), nullable=False),
-        sa.Column("at", sa.REAL(), nullable=False),
+        sa.Column("at", REAL, nullable=False),
         sa.Column("samples", BIG, nullable=False),
     )
 

@@ -13,6 +13,7 @@ branch_labels = None
 depends_on = None
 
 BIG = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
+REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
 
 
 def upgrade() -> None:
@@ -23,14 +24,14 @@ def upgrade() -> None:
         sa.Column("url", sa.Text(), nullable=False),
         sa.Column("topics", sa.Text(), nullable=False),
         sa.Column("secret", sa.Text(), nullable=False),
-        sa.Column("created_at", sa.REAL(), nullable=False),
+        sa.Column("created_at", REAL, nullable=False),
         sa.Column("created_by", sa.Text(), nullable=False),
         sa.Column("step_seq", BIG, nullable=False, server_default="0"),
         sa.Column("event_seq", BIG, nullable=False, server_default="0"),
-        sa.Column("delivered_at", sa.REAL()),
-        sa.Column("failing_since", sa.REAL()),
+        sa.Column("delivered_at", REAL),
+        sa.Column("failing_since", REAL),
         sa.Column("failures", sa.Integer(), nullable=False, server_default="0"),
-        sa.Column("next_at", sa.REAL(), nullable=False, server_default="0"),
+        sa.Column("next_at", REAL, nullable=False, server_default="0"),
         sa.Column("last_error", sa.Text(), nullable=False, server_default=""),
         sa.Column("paused", sa.Text(), nullable=False, server_default=""),
     )
