@@ -19,11 +19,12 @@ from sqlalchemy import (
     UniqueConstraint,
     text,
 )
+from sqlalchemy.types import TypeEngine
 
 metadata = MetaData()
 
 BigInt = BigInteger().with_variant(Integer, "sqlite")
-Real = Double().with_variant(REAL, "sqlite")  # eight bytes in both: PostgreSQL's REAL has four, too few for a time
+Real: TypeEngine[float] = Double().with_variant(REAL, "sqlite")  # eight bytes in both: PostgreSQL's REAL has four, too few for a time
 NEXT_CHANGE = text("(SELECT coalesce(max(changed), 0) + 1 FROM jobs)")
 """Numbers every change to a job in the order in which changes are committed: whoever knows one asks for what came after it."""
 

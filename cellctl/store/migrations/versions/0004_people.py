@@ -14,7 +14,7 @@ revision = "0004"
 down_revision = "0003"
 branch_labels = None
 depends_on = None
-REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
+REAL: sa.types.TypeEngine[float] = sa.Double().with_variant(sa.REAL(), "sqlite")
 
 HASHED = ("at", "who", "role", "origin", "verb", "target", "because", "outcome")
 SQLITE_GUARDS = {

@@ -14,7 +14,7 @@ down_revision = "0004"
 branch_labels = None
 depends_on = None
 BIG = sa.BigInteger().with_variant(sa.Integer, "sqlite")
-REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
+REAL: sa.types.TypeEngine[float] = sa.Double().with_variant(sa.REAL(), "sqlite")
 RANK_GAP = 2**20
 COLUMNS: tuple[tuple[str, Any, dict[str, Any]], ...] = (
     ("priority", sa.Integer(), {"nullable": False, "server_default": "5"}),

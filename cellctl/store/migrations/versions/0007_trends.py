@@ -12,7 +12,7 @@ down_revision = "0006"
 branch_labels = None
 depends_on = None
 BIG = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
-REAL = sa.Double().with_variant(sa.REAL(), "sqlite")
+REAL: sa.types.TypeEngine[float] = sa.Double().with_variant(sa.REAL(), "sqlite")
 FIGURES = (
     *("carrier_gas_setpoint_l_min", "carrier_gas_readback_l_min", "shield_gas_setpoint_l_min", "shield_gas_readback_l_min"),
     *("tip_speed_mm_s", "planner_fill_percent", "rx_fill_percent", "tick_jitter_ms", "spindle_rpm"),
