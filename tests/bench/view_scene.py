@@ -43,6 +43,15 @@ WATCH = """() => {
 }"""
 
 
+FAST = """async (input, times) => {
+  for (const [n, time] of times.entries()) {
+    input.value = time;
+    input.dispatchEvent(new Event('input'));
+    if (n % 2) await new Promise((done) => requestAnimationFrame(done));
+  }
+}"""
+
+
 def _ring(radius: float, turns: NDArray[np.float64]) -> Curve:
     wavy = radius + 0.6 * np.sin(11 * turns)
     return Curve.from_polyline(np.column_stack([wavy * np.cos(turns), wavy * np.sin(turns), np.zeros(len(turns))]))
@@ -64,6 +73,16 @@ def first_layer() -> Layer:
     made = (Operation(Process.DEPOSIT_CONTOUR, 0, contours, **size), Operation(Process.DEPOSIT_FILL, 0, tuple(fills), **size))
     plane = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     return Layer(0, plane, plane + np.array([0, 0, LAYER_MM, 0, 0, 0]), (), (), 1.0, 0.0, made, thickness_mm=(LAYER_MM, LAYER_MM))
+
+
+def planned_at(line: int) -> tuple[str, int, float, float]:
+    """What the plan asks for at the end of a line of the program (from 0): process, pass of it (from 1), mm/s, W; from how the layer is made alone."""
+    rings, fills = RINGS * (RING_SEGMENTS + 1), FILLS * (FILL_SEGMENTS + 1)
+    vertex = int(np.linspace(1, rings + fills - 1, LINES)[line % LINES])
+    if vertex < rings:
+        ring = vertex // (RING_SEGMENTS + 1)
+        return "contour", ring + 1, 12.0 * (1 + 0.1 * ring), 1100.0
+    return "fill", (vertex - rings) // (FILL_SEGMENTS + 1) + 1, 12.0, 990.0
 
 
 def _moved(header: dict[str, Any], number: int) -> dict[str, Any]:
@@ -156,18 +175,28 @@ def costs(page: Page) -> dict[str, float]:
     return {name: float(value) for name, value in told.items() if name != "ready"}
 
 
+def scrub_to(page: Page, time_s: float) -> None:
+    """Put the slider of the program's time where a hand would."""
+    slider = page.locator(".scrub-bar input[type=range]")
+    slider.evaluate("(input, time) => { input.value = time; input.dispatchEvent(new Event('input')) }", time_s)
+
+
+def fast_scrub(page: Page, times_s: list[float]) -> None:
+    """Put the slider from one time to the next, two in each frame: faster than what is shown can come."""
+    page.locator(".scrub-bar input[type=range]").evaluate(FAST, times_s)
+
+
 def browse(page: Page, do: str) -> dict[str, float]:
     """Scrub through the program or turn the drawing for BROWSED_S; the costs, worst over that time, and the page's long tasks (ms)."""
     page.evaluate(WATCH)
     worst: dict[str, float] = {}
     first = costs(page)["frames"]
-    slider = page.locator(".scrub-bar input")
     stage = page.locator(".stage")
     began = time.monotonic()
     step = 0
     while time.monotonic() - began < BROWSED_S:
         if do == "scrub":
-            slider.evaluate("(input, share) => { input.value = share * input.max; input.dispatchEvent(new Event('input')) }", (step * 0.0137) % 1.0)
+            scrub_to(page, step * 0.0137 % 1.0 * LAYERS * LAYER_S)
         else:
             stage.press("ArrowRight")
         step += 1

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.bench.view_scene import LAYERS, NAME, add_job, browse, costs
+from tests.bench.view_scene import LAYER_S, LAYERS, LINES, NAME, add_job, browse, costs, fast_scrub, planned_at, scrub_to
 from tests.console.conftest import PATIENCE_MS, VIEW
 from tests.console.running_cell import RunningCell
 from tests.console.test_console import picture, sign_in
@@ -33,16 +33,6 @@ def viewed(shared_cell: RunningCell, browser: Browser) -> Iterator[Page]:
     page.context.close()
 
 
-def test_scrubbed_moment_tells_line_layer_and_set_points_of_the_program(viewed: Page) -> None:
-    slider = viewed.locator(".scrub-bar input")
-    slider.evaluate("input => { input.value = 30030; input.dispatchEvent(new Event('input')) }")
-    card = viewed.locator(".scrub-card")
-    expect(card).to_contain_text(f"layer 501 of {LAYERS}")
-    expect(card).to_contain_text("1100 W" if "contour" in card.inner_text() else "990 W")
-    expect(card).to_contain_text("10.0 g/min")
-    picture(viewed, "view_scrub")
-
-
 def test_scrubbing_five_million_segments_stays_within_budget_and_the_page_answers_meanwhile(viewed: Page) -> None:
     expect(viewed.locator(".scrub-bar")).to_be_visible()
     seen = browse(viewed, "scrub")
@@ -55,10 +45,28 @@ def test_scrubbing_five_million_segments_stays_within_budget_and_the_page_answer
     viewed.get_by_role("button", name="Pause").click()
 
 
+@pytest.mark.parametrize("layer", [902, 17])
+def test_after_fast_scrubbing_the_card_tells_the_numbers_of_the_plan(viewed: Page, layer: int) -> None:
+    fast_scrub(viewed, [(37 * step + 11 * layer) % LAYERS * LAYER_S for step in range(40)])
+    scrub_to(viewed, (layer + 0.5) * LAYER_S)  # the line before the middle has just ended
+    line = layer * LINES + LINES // 2
+    process, number, speed, power = planned_at(line - 1)
+    card = viewed.locator(".scrub-card")
+    expect(card).to_contain_text(f"N{line + 1}, layer {layer + 1} of {LAYERS}")
+    expect(card).to_contain_text(f"{process} deposition, pass {number}")
+    for told in (f"{speed:.1f} mm/s", f"{power:.0f} W", "10.0 g/min", "15.0 L/min"):
+        expect(card).to_contain_text(told)
+    picture(viewed, "view_scrub")
+
+
 def test_view_at_rest_draws_no_frames(viewed: Page) -> None:
     viewed.locator("#layer").fill("400")
-    viewed.wait_for_timeout(1500)
-    before = costs(viewed)["frames"]
+    before = -1.0
+    for _ in range(60):  # until what was asked for is here
+        if costs(viewed)["frames"] == before:
+            break
+        before = costs(viewed)["frames"]
+        viewed.wait_for_timeout(500)
     viewed.wait_for_timeout(1200)
     assert costs(viewed)["frames"] == before
 

@@ -77,7 +77,7 @@ function show(view: PlanView): void {
 function connect(host: HTMLElement): () => void {
   let view: PlanView;
   try {
-    view = new PlanView(host, () => told(host, view), () => loaded.value++);
+    view = new PlanView(host, () => told(host, view), () => (loaded.value = loaded.peek() + 1));
   } catch (error) {
     console.warn(error);
     return connectFlat(host);
@@ -212,6 +212,8 @@ export function View3d() {
 function Empty() {
   const job = shown.value;
   const empty = !job ? say.nothing : !job.plan_sha256 ? say.notPlanned : plan.value ? "" : say.loading;
+  void loaded.value;
   if (empty) return <p class="view-empty">{empty}</p>;
+  if (drawing.value?.isMissing) return <p class="view-flat" role="status">{say.notCome}</p>;
   return flat.value ? <p class="view-flat">{say.noGl}</p> : null;
 }

@@ -1,8 +1,10 @@
 // Layers in full as they are needed: the one that is looked at and its neighbours, within a budget; the farthest are let go.
 import { Group } from "three";
+import { Asking } from "./asking";
 import { table, VIRIDIS } from "./colours";
 import { Layer } from "./layer";
 import type { Loader } from "./loader";
+import type { Made } from "./messages";
 import { metal } from "./metal";
 import type { Colouring } from "./path_material";
 import type { Track } from "./track";
@@ -13,8 +15,7 @@ const AHEAD = 2; // layers fetched before they are asked for
 export class LayerStore {
   readonly group = new Group();
   private readonly layers = new Map<number, Layer>();
-  private readonly asked = new Map<number, AbortController>();
-  private readonly failed = new Set<number>();
+  private readonly asking: Asking;
   private readonly material = metal({ byCorner: true });
   private readonly scale = table(VIRIDIS);
   private focus = 0;
@@ -23,11 +24,15 @@ export class LayerStore {
   private count = 0;
   private firsts: number[] = [];
 
+  /** changed: when a layer came or failed */
   constructor(
-    private readonly loader: Loader,
+    loader: Loader,
     private readonly colouring: Colouring,
     private readonly changed: () => void,
-  ) {}
+  ) {
+    const drawing = (n: number) => ({ kind: "layer", url: `${this.root}/layers/${n}/geometry?of=${this.of}` }) as const;
+    this.asking = new Asking(loader, drawing, (n, made) => this.came(n, made), changed);
+  }
 
   /** Show another plan, or none. firsts: number over the plan of each layer's first operation */
   setPlan(root: string, of: string, firsts: number[]): void {
@@ -40,14 +45,11 @@ export class LayerStore {
 
   /** The layer, if it is here; it is asked for, and then its neighbours. */
   look(n: number): Layer | undefined {
-    if (n !== this.focus) {
-      this.focus = n;
-      for (const [other, aborter] of this.asked) if (Math.abs(other - n) > AHEAD) aborter.abort();
-    }
+    this.focus = n;
     if (!this.root) return undefined;
     const here = this.layers.get(n);
     if (!here) this.ask(n);
-    else for (let d = 1; d <= AHEAD; d++) for (const near of [n + d, n - d]) if (this.asked.size === 0) this.ask(near);
+    else for (let d = 1; d <= AHEAD; d++) for (const near of [n + d, n - d]) if (this.asking.count === 0) this.ask(near);
     for (const [other, layer] of this.layers) layer.group.visible = other === n;
     return here;
   }
@@ -73,26 +75,22 @@ export class LayerStore {
     return this.layers.size;
   }
 
+  /** Whether the layer that is looked at could not be had; it is asked for again by itself. */
+  get isMissing(): boolean {
+    return this.asking.hasFailed(this.focus);
+  }
+
   private ask(n: number): void {
-    if (n < 0 || n >= this.count || this.layers.has(n) || this.asked.has(n) || this.failed.has(n)) return;
-    const aborter = new AbortController();
-    this.asked.set(n, aborter);
-    this.loader.ask({ kind: "layer", url: `${this.root}/layers/${n}/geometry?of=${this.of}` }, aborter.signal).then(
-      (made) => {
-        this.asked.delete(n);
-        const layer = new Layer(n, made, this.colouring, this.material);
-        layer.group.visible = false;
-        this.layers.set(n, layer);
-        this.group.add(layer.group);
-        this.evict();
-        this.changed();
-      },
-      () => {
-        this.asked.delete(n);
-        if (!aborter.signal.aborted) this.failed.add(n); // it is asked for again with the next plan
-        this.changed();
-      },
-    );
+    if (n >= 0 && n < this.count && !this.layers.has(n)) this.asking.want(n);
+  }
+
+  private came(n: number, made: Made): void {
+    const layer = new Layer(n, made, this.colouring, this.material);
+    layer.group.visible = false;
+    this.layers.set(n, layer);
+    this.group.add(layer.group);
+    this.evict();
+    this.changed();
   }
 
   private evict(): void {
@@ -107,13 +105,10 @@ export class LayerStore {
   }
 
   clear(): void {
-    for (const aborter of this.asked.values()) aborter.abort();
-    this.asked.clear();
-    this.failed.clear();
+    this.asking.clear();
     for (const layer of this.layers.values()) layer.dispose();
     this.layers.clear();
     this.root = "";
-    this.changed();
   }
 
   dispose(): void {

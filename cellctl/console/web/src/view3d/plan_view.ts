@@ -1,6 +1,8 @@
 // The drawn plan: stage, layers, metal, part, tool and as-built surface together, as they are told to be.
 import type { CellFacts } from "../api/types";
+import { told } from "../state/notices";
 import type { PlanOfJob } from "../state/plan";
+import { Asking } from "./asking";
 import { FIRST, LINK } from "./flags";
 import { Ghost } from "./ghost";
 import { Head, type Stand } from "./head";
@@ -8,6 +10,7 @@ import type { Holding, Layer } from "./layer";
 import { LayerStore } from "./layer_store";
 import { LiveBead } from "./live_bead";
 import { Loader } from "./loader";
+import type { Asked, Made } from "./messages";
 import { metal } from "./metal";
 import { milledLayers } from "./milled";
 import { Colouring, type Quantity } from "./path_material";
@@ -51,6 +54,7 @@ export class PlanView {
   private readonly head = new Head();
   private readonly bead = new LiveBead();
   private readonly steel = metal({ colour: "#b9c2cb" });
+  private readonly wholes: Asking;
   private whole: Whole | null = null;
   private shown: PlanOfJob | null = null;
   private firsts: number[] = [];
@@ -65,12 +69,14 @@ export class PlanView {
   ) {
     this.stage = new Stage(host, () => this.arrange(), drawn);
     const draw = this.stage.draw;
-    this.layers = new LayerStore(this.loader, this.colouring, draw);
-    this.ghost = new Ghost(this.stage.scene, draw);
-    this.surface = new Surface(this.stage.scene, this.loader, () => {
+    const changed = () => {
       draw();
       loaded();
-    });
+    };
+    this.layers = new LayerStore(this.loader, this.colouring, changed);
+    this.wholes = new Asking(this.loader, () => this.wholeDrawing(), (_, made) => this.wholeCame(made), changed);
+    this.ghost = new Ghost(this.stage.scene, draw);
+    this.surface = new Surface(this.stage.scene, this.loader, changed);
     this.stage.scene.add(this.layers.group, this.bead.mesh, ...this.head.objects);
   }
 
@@ -84,6 +90,7 @@ export class PlanView {
     this.aborter.abort();
     this.aborter = new AbortController();
     this.shown = shown;
+    this.wholes.clear();
     this.whole?.dispose();
     this.whole = null;
     this.ghost.clear();
@@ -97,23 +104,27 @@ export class PlanView {
     const [low, high] = shown.plan.bounds;
     if (low && high) this.stage.setBounds(low, high);
     void this.ghost.load(shown.part, shown.plan.build_from_part);
-    void this.loadWhole(shown, root);
+    this.stage.draw();
   }
 
-  private async loadWhole(shown: PlanOfJob, root: string): Promise<void> {
-    const normals = Float32Array.from(shown.plan.layers.flatMap((layer) => layer.bottom.slice(3)));
+  private wholeDrawing(): Asked {
+    const { job, sha256, plan } = this.shown!;
+    const normals = Float32Array.from(plan.layers.flatMap((layer) => layer.bottom.slice(3)));
     const beadPieces = this.stage.isSoftware ? BEADS_SOFTWARE : BEADS_HARDWARE;
-    const { signal } = this.aborter;
-    try {
-      const made = await this.loader.ask({ kind: "whole", url: `${root}/geometry?of=${shown.sha256}`, normals, beadPieces }, signal);
-      this.whole = new Whole(made, this.colouring, this.steel);
-      if (this.track) this.whole.setTimes(this.track.index);
-      this.stage.scene.add(this.whole.group);
-      this.stage.draw();
-      this.loaded();
-    } catch (error) {
-      if (!signal.aborted) console.warn(error);
-    }
+    return { kind: "whole", url: `/api/v1/jobs/${job}/plan/geometry?of=${sha256}`, normals, beadPieces };
+  }
+
+  private wholeCame(made: Made): void {
+    this.whole = new Whole(made, this.colouring, this.steel);
+    if (this.track) this.whole.setTimes(this.track.index);
+    this.stage.scene.add(this.whole.group);
+    this.stage.draw();
+    this.loaded();
+  }
+
+  /** Whether something that is to be seen could not be had yet. */
+  get isMissing(): boolean {
+    return this.shown !== null && (this.wholes.hasFailed(0) || this.layers.isMissing || (this.track?.isMissing ?? false));
   }
 
   /** Follow a program of the plan that is shown, or none. */
@@ -133,7 +144,7 @@ export class PlanView {
         this.whole?.setTimes(track.index);
         changed();
       },
-      (error: unknown) => signal.aborted || console.warn(error),
+      (error: unknown) => signal.aborted || told(error),
     );
   }
 
@@ -162,6 +173,7 @@ export class PlanView {
     this.ghost.show(wanted.part && !isMeasured);
     this.head.withMachine = wanted.machine;
     this.head.place(wanted.stand);
+    if (!whole) this.wholes.want(0);
     const layer = this.layers.look(wanted.layer);
     const milled = isMeasured || !wanted.metal || !wanted.below ? 0 : this.milled(wanted);
     this.ghost.showMilled(milled > 0 ? (this.shown.plan.layers[milled - 1]?.z_top ?? 0) : null);

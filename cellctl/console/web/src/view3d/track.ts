@@ -1,6 +1,7 @@
 // A program by time and by line: which layer, which pass, how far along it, and where everything is then.
 import { get } from "../api/http";
 import type { Vector } from "../api/types";
+import { Asking } from "./asking";
 import type { Loader } from "./loader";
 import type { Made } from "./messages";
 
@@ -51,18 +52,24 @@ export function lastAtMost(values: ArrayLike<number>, v: number, from = 0, to = 
 
 export class Track {
   private readonly chunks = new Map<number, Made>();
-  private readonly asked = new Map<number, Promise<void>>();
-  private readonly aborter = new AbortController();
+  private readonly asking: Asking;
+  private looked = 0; // chunk that was looked for last
   private readonly ends: Float64Array;
   private readonly firsts: Float64Array;
 
   private constructor(
     readonly index: TrackIndex,
-    private readonly root: string,
-    private readonly of: string,
-    private readonly loader: Loader,
-    private readonly changed: () => void,
+    root: string,
+    of: string,
+    loader: Loader,
+    changed: () => void,
   ) {
+    const lines = (n: number) => ({ kind: "lines", url: `${root}/${n}?of=${of}` }) as const;
+    const came = (n: number, made: Made) => {
+      this.keep(n, made);
+      changed();
+    };
+    this.asking = new Asking(loader, lines, came, changed);
     this.ends = Float64Array.from(index.chunks, (chunk) => chunk.time_end_s);
     this.firsts = Float64Array.from(index.chunks, (chunk) => chunk.first_line);
   }
@@ -77,7 +84,7 @@ export class Track {
   atTime(time: number): Moment | null {
     const count = this.index.chunks.length;
     const n = Math.min(lastAtMost(this.ends, time) + 1, count - 1);
-    const made = this.need(n);
+    const made = this.need((this.looked = n));
     if (!made) return null;
     void this.need(Math.min(n + 1, count - 1));
     const chunk = this.index.chunks[n]!;
@@ -92,7 +99,7 @@ export class Track {
   /** Where the program is on a line, by where the tip is reported; null until its lines are here. */
   atLine(line: number, tip: Vector): Moment | null {
     const n = Math.max(0, lastAtMost(this.firsts, line));
-    const made = this.need(n);
+    const made = this.need((this.looked = n));
     if (!made) return null;
     const row = Math.min(Math.max(0, line - this.index.chunks[n]!.first_line), this.index.chunks[n]!.lines - 1);
     return this.moment(n, made, row, this.along(made, row, tip));
@@ -103,6 +110,11 @@ export class Track {
     const n = this.index.chunks.findIndex((chunk) => chunk.layer === layer);
     const made = n < 0 ? undefined : this.need(n);
     return made ? { made, chunk: this.index.chunks[n]! } : null;
+  }
+
+  /** Whether the lines that were looked for could not be had; they are asked for again by themselves. */
+  get isMissing(): boolean {
+    return this.asking.hasFailed(this.looked);
   }
 
   private along(made: Made, row: number, tip: Vector): number {
@@ -155,18 +167,7 @@ export class Track {
       this.chunks.set(n, here);
       return here;
     }
-    if (!this.asked.has(n)) {
-      const url = `${this.root}/${n}?of=${this.of}`;
-      const ended = this.loader.ask({ kind: "lines", url }, this.aborter.signal).then(
-        (made) => {
-          this.keep(n, made);
-          this.asked.delete(n);
-          this.changed();
-        },
-        () => this.asked.delete(n),
-      );
-      this.asked.set(n, ended as Promise<void>);
-    }
+    this.asking.want(n);
     return undefined;
   }
 
@@ -182,7 +183,7 @@ export class Track {
   }
 
   dispose(): void {
-    this.aborter.abort();
+    this.asking.clear();
     this.chunks.clear();
   }
 }

@@ -65,5 +65,6 @@ export const view: typeof en = {
   noPlace: "ohne Ort am Teil",
   kind: (kind) => kind,
   severities: { error: "Fehler", warning: "Warnung" },
+  notCome: "Ein Teil der Zeichnung kam nicht: er wird von selbst noch einmal geholt.",
   noGl: "Dieser Browser kann nicht räumlich zeichnen: die Schicht ist flach zu sehen.",
 };

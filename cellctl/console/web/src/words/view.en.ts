@@ -64,5 +64,6 @@ export const view = {
   noPlace: "it has no place on the part",
   kind: (kind: string) => kind,
   severities: { error: "Error", warning: "Warning" },
+  notCome: "A part of the drawing has not come: it is asked for again by itself.",
   noGl: "This browser cannot draw in three dimensions: the layer is shown flat.",
 };
