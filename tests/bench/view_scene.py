@@ -76,7 +76,7 @@ def first_layer() -> Layer:
 
 
 def planned_at(line: int) -> tuple[str, int, float, float]:
-    """What the plan asks for at the end of a line of the program (from 0): process, pass of it (from 1), mm/s, W; from how the layer is made alone."""
+    """What the plan asks for at the end of a line of the program (from 0): process, pass (from 1), mm/s, W; from how the layer is made alone."""
     rings, fills = RINGS * (RING_SEGMENTS + 1), FILLS * (FILL_SEGMENTS + 1)
     vertex = int(np.linspace(1, rings + fills - 1, LINES)[line % LINES])
     if vertex < rings:

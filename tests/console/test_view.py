@@ -7,7 +7,18 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.bench.view_scene import LAYER_S, LAYERS, LINES, NAME, add_job, browse, costs, fast_scrub, planned_at, scrub_to
+from tests.bench.view_scene import (
+    LAYER_S,
+    LAYERS,
+    LINES,
+    NAME,
+    add_job,
+    browse,
+    costs,
+    fast_scrub,
+    planned_at,
+    scrub_to,
+)
 from tests.console.conftest import PATIENCE_MS, VIEW
 from tests.console.running_cell import RunningCell
 from tests.console.test_console import picture, sign_in
