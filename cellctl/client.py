@@ -206,10 +206,11 @@ class Client:
         recipe: Document | None = None,
         recipe_toml: str | None = None,
         name: str | None = None,
+        cell: str | None = None,
         key: str | None = None,
     ) -> Job:
-        """Submit a job; the Job."""
-        body = {"part_id": part_id, "recipe": recipe, "recipe_toml": recipe_toml, "name": name}
+        """Submit a job; the Job. cell: its name, or any: the fitting one with the least work; default: the one that the service runs"""
+        body = {"part_id": part_id, "recipe": recipe, "recipe_toml": recipe_toml, "name": name, "cell": cell}
         given = {field: value for field, value in body.items() if value is not None}
         return cast("Job", self.post("jobs", given, key or secrets.token_hex(16)))
 
@@ -218,7 +219,7 @@ class Client:
         return cast("Job", self.get(f"jobs/{job_id}"))
 
     def jobs(self, state: str | None = None, **asked: str | None) -> Iterator[Job]:
-        """All jobs, newest first, page by page. asked: tag, material, part, text, by, as GET /api/v1/jobs takes them"""
+        """All jobs, newest first, page by page. asked: tag, material, part, cell, text, by, as GET /api/v1/jobs takes them"""
         return cast("Iterator[Job]", self.every("jobs", state=state, **asked))
 
     def approve(

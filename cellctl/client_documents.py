@@ -59,7 +59,10 @@ class Dependency(TypedDict):
 
 
 class Job(TypedDict):
-    """A job with where the work on it stands. why : what it waits for or why it ended, in one line"""
+    """A job with where the work on it stands. why : what it waits for or why it ended, in one line
+
+    cell : empty while none has it; cell_wanted : the one that it was submitted for, or any
+    """
 
     id: str
     name: str
@@ -68,6 +71,7 @@ class Job(TypedDict):
     why: str
     material: str
     cell: str
+    cell_wanted: str
     recipe: dict[str, Any]
     created_at: float
     created_by: str

@@ -248,6 +248,7 @@ class Cell(Facts):
     build_volume: Volume
     tools: tuple[Tool, ...]
     links: dict[Literal["laser", "feeder", "io"], Link]
+    materials: tuple[str, ...] | None = Field(None, description="powders that it may be fed, by name; none: every one that laser and feeder manage")
     placement: Placement = Placement()
     plate: Plate = Plate()
     limits: Limits = Limits()
@@ -268,11 +269,12 @@ class Cell(Facts):
     def sha256(self) -> str:
         """Hash (hex) of what a Program depends on; the machine's STL files by what is in them, wherever they are.
 
-        Not: the wires, the service's address, the simulation, the reactions, the rates, and the limits that only the proof judges by.
+        Not: the wires, the powders that it may be fed, the service's address, the simulation, the reactions, the rates, and the limits that
+        only the proof judges by.
         """
         left_out: dict[str, Any] = {
             "mode": True, "cnc": {"port", "baud", "tool_change_s", "spindle_s"},
-            "links": True, "service": True, "by_hand": True, "simulation": True, "proof": True,
+            "links": True, "materials": True, "service": True, "by_hand": True, "simulation": True, "proof": True,
             "reactions": True, "rates": True, "limits": {"retract_mm"},
             "machine": {"solids": {"__all__": {"file"}}},
         }  # fmt: skip

@@ -11,16 +11,19 @@ from pathlib import Path
 
 import structlog
 import uvicorn
+from fastapi import FastAPI
 
 from cellctl import faults
 from cellctl.allocator import keep_little
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Settings
+from cellctl.api.fleet_telling import host_url_of
 from cellctl.api.wire import PatientProtocol
 from cellctl.planning.worker import end_with
 from cellctl.store import StoreError
+from cellctl.store.owner import only_server
 from cellctl.tls import TlsError
-from config import ConfigError
+from config import ConfigError, load_cell
 
 SWITCH_S = 0.001  # how long a thread that computes may keep the event loop waiting
 
@@ -59,8 +62,14 @@ async def serve(given: argparse.Namespace) -> None:
         tls_cert=given.tls_cert,
         stop_url=given.stop_url,
         names=tuple(given.name),
+        host_url=host_url_of("https" if given.tls_cert else "http", given.host, given.port, tuple(given.name)),
     )
-    app = make_app(build_service(settings), given.host)
+    with only_server(given.store, load_cell(given.cell).name):
+        await listen(given, make_app(build_service(settings), given.host))
+
+
+async def listen(given: argparse.Namespace, app: FastAPI) -> None:
+    """Answer requests until a signal says stop."""
     config = uvicorn.Config(
         app,
         host=given.host,

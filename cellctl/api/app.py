@@ -42,6 +42,8 @@ from cellctl.api.cell_link import CellLink
 from cellctl.api.conditional import Conditional
 from cellctl.api.context import Service, Settings, software_version
 from cellctl.api.feed import Feed
+from cellctl.api.fleet_keeper import FleetKeeper
+from cellctl.api.fleet_telling import told_of
 from cellctl.api.metrics import Measure, Metrics
 from cellctl.api.page import Page
 from cellctl.api.runs import Runs
@@ -56,6 +58,8 @@ from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
 from cellctl.planning.standing_cell import StandingCell
 from cellctl.store import open_store
+from cellctl.store.fleet import Seat
+from cellctl.store.owner import owner_of
 from cellctl.store.tokens import Role
 from config import load_cell
 
@@ -96,11 +100,12 @@ events at `/api/v1/events/stream` (`Last-Event-ID`) and as a WebSocket at `/api/
 
 
 def build_service(settings: Settings) -> Service:
-    """Open the store and put the parts of the service together. Raises StoreError, ConfigError."""
+    """Open the store and put the parts of the service together. Raises StoreError (LeaseHeldError: another service runs the cell), ConfigError."""
     served = load_cell(settings.cell_file)
     store = open_store(settings.store)
     facts.see_what_is_shipped(store, served, str(settings.cell_file))
     standing = StandingCell(settings.cell_file, store)
+    seat = Seat(standing.cell.name, owner_of(settings.store))
     scratch = settings.store / "scratch"
     scratch.mkdir(exist_ok=True)
     workers = Workers(scratch, settings.worker_memory_bytes)
@@ -119,11 +124,13 @@ def build_service(settings: Settings) -> Service:
         runs.wake()
 
     link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, on_connect)
-    runs = Runs(store, link, feed.take_job, standing.cell.by_hand)
-    work = JobWork(store, workers, standing.cell, standing.file)
+    runs = Runs(store, link, feed.take_job, standing.cell.by_hand, seat)
+    work = JobWork(store, workers, standing.cell, standing.file, seat)
     queue = PlanningQueue(store, work, feed.take_job, settings.planning_slots)
     previews = Previews(settings.worker_memory_bytes)
-    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews)
+    keeper = FleetKeeper(store, lambda: told_of(settings, standing, link, seat), queue, feed.take_job)
+    keeper.take()
+    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper)
 
 
 def make_app(service: Service, bound_host: str, page: Page | None = None) -> FastAPI:
@@ -134,7 +141,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         service.store.blobs.clear_staging()
         keeper = TrendKeeper(service.store)
-        own = (service.link.run(), service.queue.run(), service.runs.run(), service.presence.run(service.store))
+        own = (service.link.run(), service.queue.run(), service.runs.run(), service.fleet.run(), service.presence.run(service.store))
         running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), Deliveries(service.store).run())
         tasks = [asyncio.create_task(task) for task in running]
         service.turnstile.warm()
@@ -147,6 +154,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
             await service.previews.close()
             await service.deeds.close()
             service.turnstile.close()
+            await asyncio.to_thread(service.fleet.leave)
             service.store.close()
 
     app = FastAPI(

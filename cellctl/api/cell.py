@@ -163,6 +163,8 @@ async def _start(service: Service, person: Person, body: CellCommand) -> Reply:
                 raise ApiError(
                     409, "Not in this state", f"{job.name} is {job.state.value}, not queued", "approve it first"
                 )
+            if job.cell != service.cell.name:
+                raise ApiError(409, "Another cell", f"{job.name} is {job.cell}'s, this is {service.cell.name}", "start it at its own cell")
             check_found(job, body.table_clear, body.part_untouched)
             is_found = body.table_clear or body.part_untouched
             if is_found:

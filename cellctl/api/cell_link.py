@@ -22,7 +22,11 @@ log = structlog.get_logger(__name__)
 
 
 class CellAbsentError(Exception):
-    """The cell process does not answer."""
+    """The cell process does not answer. was_asked : it may have heard what it was asked"""
+
+    def __init__(self, message: str, was_asked: bool = True) -> None:
+        super().__init__(message)
+        self.was_asked = was_asked
 
 
 class CellLink:
@@ -115,7 +119,7 @@ class CellLink:
         """Send a command of a client and wait for its reply. Raises CellAbsentError."""
         writer = self._writer
         if writer is None:
-            raise CellAbsentError("the cell process is not connected")
+            raise CellAbsentError("the cell process is not connected", was_asked=False)
         ident = ident or secrets.token_hex(8)
         waiting: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
         self._replies[ident] = waiting

@@ -13,6 +13,7 @@ from starlette.requests import HTTPConnection
 from cellctl.api.cell_link import CellLink
 from cellctl.api.deeds import Deeds
 from cellctl.api.feed import Feed
+from cellctl.api.fleet_keeper import FleetKeeper
 from cellctl.api.incoming import Receiving
 from cellctl.api.metrics import Metrics
 from cellctl.api.presence import Presence
@@ -38,6 +39,7 @@ class Settings:
     """Where the web process finds and keeps things, and its limits.
 
     stop_url : where pages reach the stop listener, if that is not on the page's own host; names : hosts that the service is called by
+    host_url : where the other hosts of the fleet reach this web process
     """
 
     store: Path
@@ -51,6 +53,7 @@ class Settings:
     stop_url: str = ""
     names: tuple[str, ...] = ()
     resumable_limit_bytes: int = RESUMABLE_LIMIT_BYTES
+    host_url: str = ""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class Service:
     inspections: asyncio.Semaphore
     metrics: Metrics
     previews: Previews
+    fleet: FleetKeeper
     deeds: Deeds = field(default_factory=Deeds)
     keeping: Keeping = field(init=False)
 

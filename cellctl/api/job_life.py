@@ -11,16 +11,19 @@ from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 from sqlalchemy import Connection
 
+from cellctl.api.asked_cell import cell_for
 from cellctl.api.conditional import IfMatch
 from cellctl.api.context import Service
-from cellctl.api.jobs import check_seen, document, pins_of, recipe_from
+from cellctl.api.jobs import check_seen, document, is_added, pins_of, recipe_from
 from cellctl.api.models import Job, NewJob
 from cellctl.api.models_jobs import Again, Change, Clone, CloneShown, JobEdit, Life, Step
 from cellctl.api.parts import IdempotencyKey
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
+from cellctl.domain.fleet import ANY
 from cellctl.domain.jobs import ENDED, ON_CELL, JobState
 from cellctl.faults import one_line
+from cellctl.planning.dispatcher import needs_of_part
 from cellctl.store import audit, dependencies, history, idempotency, jobs, lanes, parts, threads
 from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
@@ -103,8 +106,7 @@ def _make(service: Service, person: Person, verb: str, job_id: str, body: Again,
 
 async def _submitted(service: Service, answer: dict[str, Any], is_new: bool) -> JSONResponse:
     if is_new:
-        service.feed.take_job(answer["id"])
-        service.queue.wake()
+        is_added(service, answer["id"])
     return JSONResponse(answer, 201)
 
 
@@ -112,9 +114,12 @@ def _like(job: JobRow, person: Person, now: float, how: str, **fields: Any) -> J
     """A fresh job of the same part, recipe and priority."""
     values: dict[str, Any] = {"recipe_toml": job.recipe_toml, "material": job.material, "name": job.name, "tags": job.tags}
     values |= {"material_sha256": job.material_sha256, "cell_sha256": job.cell_sha256}  # the same versions, unless it is changed
+    values |= {"cell": job.cell, "cell_wanted": job.cell_wanted}
+    if job.cell_wanted == ANY:
+        values |= {"cell": "", "cell_sha256": ""}
     values |= fields
     return JobRow(
-        id=new_id("job", now), part_id=job.part_id, cell=job.cell, created_at=now, created_by=person.name, priority=job.priority,
+        id=new_id("job", now), part_id=job.part_id, created_at=now, created_by=person.name, priority=job.priority,
         made_from=job.id, made_how=how, **values,
     )  # fmt: skip
 
@@ -149,7 +154,9 @@ async def clone(person: Operator, service: ServiceOf, job_id: str, body: Clone, 
         told = [{"field": one.field, "before": one.before, "after": one.after} for one in changes]
         tags = job.tags if body.tags is None else body.tags
         fields = {"recipe_toml": tomli_w.dumps(recipe), "material": recipe["material"], "changes": told, "tags": tags}
-        fields |= pins_of(service, rows, recipe["material"])
+        pins = pins_of(service, rows, recipe["material"])
+        needs = needs_of_part(rows, job.part_id, recipe_from(NewJob(part_id="", recipe=recipe)), pins["material_sha256"])
+        fields |= pins | cell_for(service, rows, job.cell_wanted, needs)
         return jobs.add(rows, _like(job, person, now, "clone", name=one_line(body.name or job.name), **fields))
 
     return await _submitted(service, *await asyncio.to_thread(_make, service, person, "clone", job_id, body, idempotency_key, make))

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from sqlalchemy import Connection
 
 from cellctl.api import models_jobs as told
+from cellctl.api.asked_cell import cell_for
 from cellctl.api.conditional import IfMatch, check_unchanged, etag_of_document
 from cellctl.api.context import Service
 from cellctl.api.models import Approval, Because_, Job, JobError, Jobs, NewJob
@@ -24,6 +25,7 @@ from cellctl.api.table import check_found, check_free, found_of
 from cellctl.api.waits import waits_of, why_of
 from cellctl.domain.jobs import ON_CELL, JobState
 from cellctl.faults import one_line
+from cellctl.planning.dispatcher import needs_of_part
 from cellctl.planning.view import layers_written
 from cellctl.store import audit, dependencies, idempotency, job_search, jobs, parts, threads, versions
 from cellctl.store.dependencies import Dependency
@@ -60,7 +62,8 @@ def _document(service: Service, row: JobRow, after: Sequence[Dependency]) -> Job
     drawing = service.queue.drawing(row.id)
     if drawing is not None:
         fields["layers"] = layers_written(drawing)
-    waits = waits_of(row, after, service.store.clock())
+    silence = service.fleet.silence_of(row)
+    waits = waits_of(row, after, service.store.clock(), silence)
     return Job(
         **{
             **fields,
@@ -69,7 +72,7 @@ def _document(service: Service, row: JobRow, after: Sequence[Dependency]) -> Job
             "error": JobError(**row.error) if row.error else None,
             "stage": at.stage if at else row.state.value,
             "progress": 1.0 if row.state is J.COMPLETED else min(progress, 1.0),
-            "why": why_of(row, waits),
+            "why": silence or why_of(row, waits),
             "waits_for": waits,
             "after": [
                 told.Dependency(job=one.on_job, name=one.name, state=one.state.value, until=one.until, met=one.is_met) for one in after
@@ -110,14 +113,6 @@ def pins_of(service: Service, rows: Connection, material: str) -> dict[str, str]
 def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> tuple[dict[str, Any], bool]:
     """(the answer, whether the job is new)."""
     recipe = recipe_from(body)
-    cell = service.cell.name
-    if body.cell is not None and body.cell != cell:
-        raise ApiError(
-            422,
-            "Another cell",
-            f"this service runs the cell {cell!r}, not {body.cell!r}",
-            "leave `cell` out, or ask that cell's service",
-        )
     digest = idempotency.request_digest("job", body.model_dump())
     now = service.store.clock()
     with service.store.write() as rows:
@@ -130,8 +125,15 @@ def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> 
         toml = tomli_w.dumps(recipe.model_dump(mode="json", exclude_none=True))
         name = one_line(body.name or part.name)
         extra: dict[str, Any] = {"priority": body.priority, "not_before": body.not_before}
-        extra |= pins_of(service, rows, recipe.material)
-        job = jobs.add(rows, JobRow(new_id("job", now), name, part.id, cell, toml, recipe.material, now, person.name, **extra))
+        pins = pins_of(service, rows, recipe.material)
+        extra |= pins | cell_for(service, rows, body.cell, needs_of_part(rows, part.id, recipe, pins["material_sha256"]))
+        job = jobs.add(
+            rows,
+            JobRow(
+                id=new_id("job", now), name=name, part_id=part.id, recipe_toml=toml, material=recipe.material, created_at=now,
+                created_by=person.name, **extra,
+            ),
+        )  # fmt: skip
         threads.set_tags(rows, job.id, body.tags)
         dependencies.replace(rows, job.id, [(one.job, one.until) for one in body.after])
         answer = document(service, jobs.get(rows, job.id), rows).model_dump()
@@ -145,9 +147,15 @@ async def submit(person: Operator, service: ServiceOf, body: NewJob, idempotency
     """Submit a job. It is planned, posted and proved at once, then waits for approval."""
     answer, is_new = await asyncio.to_thread(_submit, service, person, body, idempotency_key)
     if is_new:
-        service.feed.take_job(answer["id"])
-        service.queue.wake()
+        is_added(service, answer["id"])
     return Job(**answer)
+
+
+def is_added(service: Service, job_id: str) -> None:
+    """A job was added: somebody gives it to a cell, or plans it."""
+    service.feed.take_job(job_id)
+    service.fleet.wake()
+    service.queue.wake()
 
 
 @router.get("")
@@ -160,6 +168,7 @@ def list_jobs(
     tag: Annotated[list[Word] | None, Query(max_length=TAGS_MAX, description="only jobs with all of these tags")] = None,
     material: Word = "",
     part: Annotated[str, Query(max_length=60, description="only jobs of this part")] = "",
+    cell: Annotated[str, Query(max_length=200, description="only jobs of this cell; any: those that wait for one")] = "",
     text: Annotated[str, Query(max_length=200, description="words, each in its name, id, tags, material, person, reason or a note")] = "",
     by: Annotated[str, Query(max_length=200, description="only jobs that this person submitted")] = "",
     created_from: Annotated[float | None, Query(ge=0, le=TIME_MAX, description="Unix time, s")] = None,
@@ -167,7 +176,7 @@ def list_jobs(
     sort: Annotated[Sort, Query(description="newest first, or in the order of the queue")] = "newest",
 ) -> Jobs:
     """Jobs, newest first, or in the order of their queue. A cursor stays valid while jobs come and go."""
-    asked = Asked(state or (), tag or (), material, part, text, created_from, created_to, by)
+    asked = Asked(state or (), tag or (), material, part, text, created_from, created_to, by, cell)
     with service.store.read() as rows:
         found, following = job_search.find(rows, asked, sort, cursor, limit)
         return Jobs(items=documents(service, found, rows), next=following)
@@ -223,8 +232,8 @@ async def approve(person: Operator, service: ServiceOf, job_id: str, body: Appro
                 reasons = {"approve_because": body.because, "override_reason": body.override_reason}
                 told_why = body.override_reason or body.because
                 reason = f"{person.name} approved it" + (f": {told_why}" if told_why else "")
-                step = {"by": person.name, "reason": reason, "why": found_of(job).missing}
-                job = jobs.move(rows, job_id, J.QUEUED, at=now, approved_by=person.name, **step, **reasons)
+                changes: dict[str, Any] = {"why": found_of(job).missing, "approved_by": person.name, **reasons}
+                job = jobs.move(rows, job_id, J.QUEUED, at=now, by=person.name, reason=reason, **changes)
             if body.table_clear or body.part_untouched:
                 check_free(rows, job.cell)
                 job = jobs.confirm_table(rows, job_id, now, person.name, person.client)
@@ -248,10 +257,9 @@ async def cancel(person: Operator, service: ServiceOf, job_id: str, body: Becaus
             if job.state is J.CANCELLED:
                 return job
             check_seen(service, rows, job, if_match)
-            if job.state in ON_CELL or job_id in service.runs.starting:
-                raise ApiError(
-                    409, "Not in this state", f"{job.name} is on the cell", "abort it with POST /api/v1/cell/abort"
-                )
+            if job.state in ON_CELL or job.claimed_by:
+                where = "on the cell" if job.state in ON_CELL else f"about to be started on {job.cell}"
+                raise ApiError(409, "Not in this state", f"{job.name} is {where}", "abort it with POST /api/v1/cell/abort")
             audit.add(rows, person.deed("cancel", job_id, body.because), now, "ok")
             reason = f"{person.name} cancelled it" + (f": {body.because}" if body.because else "")
             return jobs.move(rows, job_id, J.CANCELLED, at=now, by=person.name, reason=reason, why=body.because)

@@ -234,7 +234,7 @@ async def post_again(person: Operator, service: ServiceOf, job_id: str, body: Be
                 raise ApiError(
                     409, "Not in this state", f"{job.name} goes on with a part that was begun on the earlier placement", "cancel it, or measure back"
                 )
-            if job.state not in (JobState.QUEUED, JobState.WAITING_FOR_APPROVAL) or job_id in service.runs.starting:
+            if job.state not in (JobState.QUEUED, JobState.WAITING_FOR_APPROVAL) or job.claimed_by:
                 raise ApiError(409, "Not in this state", f"{job.name} is {job.state.value}", "only a job that waits can be posted again")
             audit.add(rows, person.deed("post_again", job_id, body.because), now, "ok")
             return jobs.move(

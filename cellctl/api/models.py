@@ -68,7 +68,8 @@ class Job(BaseModel):
     state: str
     why: str
     material: str
-    cell: str
+    cell: str = Field(description="the cell that has it; empty while none has it yet")
+    cell_wanted: str = Field("", description="the cell that it was submitted for, or any")
     recipe: dict[str, Any]
     created_at: float
     created_by: str
@@ -126,7 +127,9 @@ class NewJob(Strict):
     part_id: str = Field(max_length=60)
     recipe: dict[str, Any] | None = None
     recipe_toml: str | None = Field(None, max_length=100_000)
-    cell: str | None = Field(None, max_length=100, description="default: the cell that this service runs")
+    cell: str | None = Field(
+        None, min_length=1, max_length=200, description="its name, or any: the fitting one with the least work; default: this service's"
+    )
     name: str | None = Field(None, max_length=200)
     tags: list[Tag] = Field(default_factory=list, max_length=TAGS_MAX)
     priority: int = Field(5, ge=1, le=9, description="1 goes first, 9 last")

@@ -52,52 +52,55 @@ def check_version(rows: Connection, lane: Lane, seen: int | None) -> None:
 def get_queue(
     _person: Viewer, service: ServiceOf, lane: Lane = Lane.CELL, cursor: Cursor = None, limit: Limit = 50
 ) -> Queue:
-    """A queue in its order, with what each job waits for. `version` names the order: give it to a move, which then changes no other order."""
+    """A queue of this cell in its order, with what each job waits for.
+
+    `version` names the order: give it to a move, which then changes no other order."""
+    cell = service.cell.name
     with service.store.read() as rows:
-        found, following = find(rows, Asked((lanes.STATE_OF[lane],)), "queue", cursor, limit)
+        found, following = find(rows, Asked((lanes.STATE_OF[lane],), cell=cell), "queue", cursor, limit)
         version = lanes.version(rows, lane)
-        ahead = lanes.ahead_of(rows, lane, _place(found[0])) if found and cursor is not None else 0
+        ahead = lanes.ahead_of(rows, lane, _place(found[0]), cell) if found and cursor is not None else 0
         items = documents(service, found, rows)
-        return Queue(lane=lane, version=version, length=lanes.length(rows, lane), first=ahead, items=items, next=following)
+        return Queue(lane=lane, version=version, length=lanes.length(rows, lane, cell), first=ahead, items=items, next=following)
 
 
 def _place(job: jobs.JobRow) -> Place:
     return (job.priority, job.rank, job.seq)
 
 
-def _target(rows: Connection, lane: Lane, body: Move) -> tuple[Place | None, Place | None] | None:
+def _target(rows: Connection, lane: Lane, cell: str, body: Move) -> tuple[Place | None, Place | None] | None:
     """The new neighbours of a job (before it, behind it); None if it stands there already. Raises NotInLaneError, ApiError."""
     here = lanes.place_of(rows, lane, body.job)
     if body.job in (body.before, body.behind):
         raise ApiError(422, "The request does not fit", "a job cannot be put beside itself", "name another job")
     if body.to in ("up", "down"):
-        by = lanes.neighbour(rows, lane, here, body.to == "down")
+        by = lanes.neighbour(rows, lane, here, body.to == "down", cell)
         if by is None:
             return None
-        beyond = lanes.neighbour(rows, lane, by, body.to == "down")
+        beyond = lanes.neighbour(rows, lane, by, body.to == "down", cell)
         return (by, beyond) if body.to == "down" else (beyond, by)
     if body.before is not None:
         behind: Place | None = lanes.place_of(rows, lane, body.before)
     elif body.behind is not None:
-        behind = _beyond(rows, lane, lanes.place_of(rows, lane, body.behind), here, after=True)
+        behind = _beyond(rows, lane, cell, lanes.place_of(rows, lane, body.behind), here, after=True)
     else:
         position = {"first": 0, "last": 10**9}[body.to] if body.to is not None else body.position or 0
-        behind = lanes.at_position(rows, lane, position, body.job)
+        behind = lanes.at_position(rows, lane, position, body.job, cell)
     if behind is None:
-        last = _last(rows, lane, here)
+        last = _last(rows, lane, cell, here)
         return None if last is None else (last, None)
-    return _beyond(rows, lane, behind, here, after=False), behind
+    return _beyond(rows, lane, cell, behind, here, after=False), behind
 
 
-def _beyond(rows: Connection, lane: Lane, place: Place, moved: Place, *, after: bool) -> Place | None:
+def _beyond(rows: Connection, lane: Lane, cell: str, place: Place, moved: Place, *, after: bool) -> Place | None:
     """The neighbour of a place, the one that moves left out."""
-    found = lanes.neighbour(rows, lane, place, after)
-    return lanes.neighbour(rows, lane, found, after) if found == moved else found
+    found = lanes.neighbour(rows, lane, place, after, cell)
+    return lanes.neighbour(rows, lane, found, after, cell) if found == moved else found
 
 
-def _last(rows: Connection, lane: Lane, moved: Place) -> Place | None:
+def _last(rows: Connection, lane: Lane, cell: str, moved: Place) -> Place | None:
     """The last of a lane, None if that is the one that moves."""
-    last = lanes.neighbour(rows, lane, (lanes.LAST + 1, 0, 0), after=False)
+    last = lanes.neighbour(rows, lane, (lanes.LAST + 1, 0, 0), False, cell)
     return None if last == moved else last
 
 
@@ -116,17 +119,17 @@ async def move(
             job = jobs.get(rows, body.job)
             check_version(rows, lane, body.version)
             try:
-                target = _target(rows, lane, body)
+                target = _target(rows, lane, job.cell, body)
             except NotInLaneError as error:
                 raise ApiError(409, "Not in this queue", f"{error} ({job.name} is {job.state.value})", "look at the queue again") from None
             if target is not None:
                 lanes.insert_between(rows, lane, job.id, *target)
                 where = body.to or (f"before {body.before}" if body.before else f"behind {body.behind}" if body.behind else f"to {body.position}")
                 audit.add(rows, person.deed("move", job.id, body.because), now, f"ok: {where} in the {WORDS[lane]}")
-            found, following = find(rows, Asked((lanes.STATE_OF[lane],)), "queue", None, limit)
+            found, following = find(rows, Asked((lanes.STATE_OF[lane],), cell=job.cell), "queue", None, limit)
             version = lanes.version(rows, lane)
             items = documents(service, found, rows)
-            return Queue(lane=lane, version=version, length=lanes.length(rows, lane), first=0, items=items, next=following)
+            return Queue(lane=lane, version=version, length=lanes.length(rows, lane, job.cell), first=0, items=items, next=following)
 
     queue = await asyncio.to_thread(write)
     service.feed.take_job(body.job)
@@ -140,7 +143,7 @@ def table_document(service: Service, rows: Connection) -> Table:
     lying = cell_table.lying_on(rows, service.cell.name)
     now = service.store.clock()
     on_it = jobs.get(rows, lying.job_id) if lying.job_id else None
-    first = jobs.first_in(rows, JobState.QUEUED, LOOKED_AT)
+    first = jobs.first_in(rows, JobState.QUEUED, LOOKED_AT, service.cell.name)
     next_one = next((job for job in first if job.continues_job is None and not why_not_yet(rows, job, now)), None)
     if on_it is not None:
         verb = "is being made on it" if on_it.state in ON_CELL else f"lies on it ({on_it.state.value})"

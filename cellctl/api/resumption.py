@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field, model_validator
 
 from cellctl.api.context import Service
-from cellctl.api.jobs import document
+from cellctl.api.jobs import document, is_added
 from cellctl.api.models import Because, Job, Strict
 from cellctl.api.parts import IdempotencyKey
 from cellctl.api.problems import DOCUMENTED, ApiError
@@ -66,8 +66,7 @@ async def resume(
     """Go on with the part of an interrupted job: a new job, whose program is generated and proved, and then waits for approval."""
     answer, is_new = await asyncio.to_thread(_resume, service, person, job_id, body, idempotency_key)
     if is_new:
-        service.feed.take_job(answer["id"])
-        service.queue.wake()
+        is_added(service, answer["id"])
     return JSONResponse(answer, 202)
 
 
@@ -90,7 +89,8 @@ def _resume(service: Service, person: Person, job_id: str, body: Resumption, key
         row = JobRow(
             new_id("job", now), _name(lineage.chain_of(rows, before)), before.part_id, before.cell, before.recipe_toml, before.material,
             now, person.name, plan_sha256=before.plan_sha256, layers=before.layers, continues_job=before.id, resume_point=point,
-            material_sha256=before.material_sha256, cell_sha256=service.cell.sha256,
+            material_sha256=before.material_sha256, cell_wanted=before.cell,
+            cell_sha256=service.cell.sha256 if before.cell == service.cell.name else before.cell_sha256,
         )  # fmt: skip
         answer = document(service, jobs.add(rows, row), rows).model_dump()
         idempotency.remember(rows, person.name, key, digest, answer, now)

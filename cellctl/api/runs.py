@@ -12,22 +12,24 @@ from typing import Any
 import structlog
 
 from cellctl.api.cell_link import CellAbsentError, CellLink
+from cellctl.api.run_states import is_job_of, path_to, target_of
 from cellctl.api.table import found_of
 from cellctl.api.waits import why_not_yet
-from cellctl.domain.jobs import ENDED, JobState
+from cellctl.domain.jobs import JobState, WrongJobStateError
 from cellctl.domain.messages import Reply
 from cellctl.domain.snapshot import Snapshot
-from cellctl.store import Store, cell_table, consumables, dependencies, history, jobs, lineage
+from cellctl.store import Store, cell_table, claims, consumables, dependencies, fleet, history, jobs, lineage
 from cellctl.store.cell_table import Lying
+from cellctl.store.claims import ClaimedError
+from cellctl.store.fleet import Seat, WrongCellError
 from cellctl.store.history import Run
 from cellctl.store.jobs import JobRow
 from config.by_hand import ByHand
 
 J = JobState
 PERIOD_S = 1.0
-OUTCOMES = {"completed": J.COMPLETED, "aborted": J.ABORTED, "failed": J.FAILED, "interrupted": J.INTERRUPTED}
-MOVING = frozenset({"PREPARING", "RUNNING", "RESUMING"})
 REFUSED = "the cell refused to start it"
+CLAIM_SETTLES_S = 90.0  # behind a start that was not answered: by then the cell has told whether it runs
 RETRIED = "tried again by itself: "
 log = structlog.get_logger(__name__)
 
@@ -54,8 +56,9 @@ class Refusals:
 class Runs:
     """Call `run` as one task; `wake` whenever the cell or a queued job may have changed."""
 
-    def __init__(self, store: Store, link: CellLink, changed: Callable[[str], None], by_hand: ByHand) -> None:
+    def __init__(self, store: Store, link: CellLink, changed: Callable[[str], None], by_hand: ByHand, seat: Seat) -> None:
         self._store = store
+        self._seat = seat
         self._by_hand = by_hand
         self._refusals: dict[str, Refusals] = {}
         self._link = link
@@ -95,11 +98,16 @@ class Runs:
         with self._store.read() as connection:
             pending = [
                 (job, history.run_of(connection, job.id))
-                for job in jobs.on_or_near_cell(connection)
+                for job in jobs.on_or_near_cell(connection, self._seat.cell)
             ]
         changed = []
         for job, run in pending:
-            if run is not None and self._follow_one(job, run, snapshot):
+            try:
+                is_changed = self._follow_one(job, run, snapshot) if run is not None else self._let_go(job, snapshot)
+            except WrongCellError as error:
+                log.error("a run of another cell's job", job=job.id, error=str(error))
+                continue
+            if is_changed:
                 changed.append(job.id)
         with self._store.read() as connection:  # what those wait for that wait for these has changed with them
             return changed + [other for job_id in changed for other in dependencies.dependents_of(connection, job_id)]
@@ -120,11 +128,21 @@ class Runs:
         with self._store.write() as connection:
             if steps:
                 end = lineage.end_of(connection, job.id) if run.outcome else None
-                jobs.move(connection, job.id, *steps, at=run.ended_at or self._store.clock(), reason=end.text if end else "", **changes)
+                at, reason = run.ended_at or self._store.clock(), end.text if end else ""
+                jobs.move(connection, job.id, *steps, at=at, reason=reason, seat=self._seat, **changes)
             else:
                 jobs.change(connection, job.id, **changes)
             if job.state is J.QUEUED:
-                jobs.forget_clear_tables(connection)
+                jobs.forget_clear_tables(connection, self._seat.cell)
+        return True
+
+    def _let_go(self, job: JobRow, snapshot: Snapshot | None) -> bool:
+        """Withdraw the claim on a job whose start was never answered, once the cell stands idle and has not run it."""
+        is_settled = job.claimed_at is not None and self._store.clock() - job.claimed_at > CLAIM_SETTLES_S
+        if not is_settled or snapshot is None or snapshot.state != "IDLE" or job.id in self.starting:
+            return False
+        with self._store.write() as connection:
+            claims.withdraw(connection, job.id, self._seat)
         return True
 
     async def _start_next(self) -> None:
@@ -150,7 +168,8 @@ class Runs:
         now = self._store.clock()
         with self._store.read() as connection:
             return [
-                (job, why_not_yet(connection, job, now), cell_table.lying_on(connection, job.cell)) for job in jobs.confirmed(connection)
+                (job, why_not_yet(connection, job, now), cell_table.lying_on(connection, job.cell))
+                for job in jobs.confirmed(connection, self._seat.cell)
             ]
 
     def _why_confirmed_no_more(self, job: JobRow, lying: Lying) -> str:
@@ -216,6 +235,7 @@ class Runs:
         earlier = self._refusals.get(job.id)
         if earlier is None or earlier.confirmed_at != confirmed:
             earlier = self._refusals[job.id] = Refusals(confirmed, time.monotonic())
+        await self._claim(job)
         self.starting.add(job.id)
         try:
             # The id belongs to one try of one confirmation: asked again after a lost answer, the cell starts it once.
@@ -224,6 +244,8 @@ class Runs:
             async with self._start_lock:  # by hand and by itself at once: one after the other, under one id
                 reply = await self._link.command("start", who, because, args, ident=ident, timeout_s=60.0, client=client)
         except CellAbsentError as error:
+            if not error.was_asked:
+                await asyncio.to_thread(self._withdraw, job)
             raise StartRefusedError(
                 str(error), "the cell process is restarted by itself; look again in a moment"
             ) from None
@@ -231,10 +253,29 @@ class Runs:
             self.starting.discard(job.id)
         if not reply.ok:
             earlier.count += 1
+            await asyncio.to_thread(self._withdraw, job)
             await self._refused(job, earlier, reply)
         self._refusals.pop(job.id, None)
         await self.follow()
         return reply
+
+    async def _claim(self, job: JobRow) -> None:
+        """From here on nobody takes the job away, wherever it is asked for. Raises StartRefusedError."""
+
+        def write() -> None:
+            with self._store.write() as connection:
+                claims.claim(connection, job.id, self._seat, fleet.now_of(connection, self._store.clock))
+
+        try:
+            await asyncio.to_thread(write)
+        except ClaimedError as error:
+            raise StartRefusedError(error.message, error.hint) from None
+        except (WrongCellError, WrongJobStateError) as error:
+            raise StartRefusedError(str(error), "look at the job again") from None
+
+    def _withdraw(self, job: JobRow) -> None:
+        with self._store.write() as connection:
+            claims.withdraw(connection, job.id, self._seat)
 
     def _why_not_yet(self, job: JobRow) -> str:
         with self._store.read() as connection:
@@ -283,31 +324,3 @@ def acts_for(job: JobRow) -> tuple[str, str]:
     """For whom a start by the service acts: who confirmed the table, and at which client."""
     who = job.confirmed_by or job.approved_by
     return who, job.confirmed_client or who
-
-
-def is_job_of(snapshot: Snapshot, job_id: str) -> bool:
-    """Whether the cell shows this job."""
-    return snapshot.job is not None and snapshot.job.id == job_id
-
-
-def target_of(job: JobRow, run: Run, snapshot: Snapshot | None) -> tuple[JobState, str]:
-    """Where a job that was started stands, and why: the end that was written down, or what the cell does with it now."""
-    if run.outcome:
-        outcome = OUTCOMES.get(run.outcome, J.INTERRUPTED)
-        why = "" if outcome is J.COMPLETED else f"ended at line {run.last_line} of {run.total_lines}"
-        return outcome, why
-    if snapshot is None or not is_job_of(snapshot, job.id):
-        return (J.RUNNING if job.state is J.QUEUED else job.state), job.why if job.state is not J.QUEUED else ""
-    if snapshot.state in MOVING:
-        return J.RUNNING, snapshot.waiting
-    causes = "; ".join(alarm.cause for alarm in snapshot.alarms)
-    return J.HELD, causes or snapshot.because
-
-
-def path_to(state: JobState, target: JobState) -> list[JobState]:
-    """The steps from one state to another by way of RUNNING, where a step was not seen."""
-    if state is target or state in ENDED:
-        return []
-    if target is J.RUNNING or (state is J.RUNNING) or (state is J.HELD and target is not J.COMPLETED):
-        return [target]
-    return [J.RUNNING, target]

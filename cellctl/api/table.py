@@ -57,9 +57,8 @@ def check_found(job: JobRow, table_clear: bool, part_untouched: bool) -> None:
 def check_free(connection: Connection, cell: str) -> None:
     """Raises ApiError while a job is on the cell: nobody can vouch for the table that its part is made on."""
     for state in sorted(ON_CELL):
-        for other in jobs.first_in(connection, state, 1):
-            if other.cell == cell:
-                raise ApiError(
-                    409, CLEAR.title, f"{other.name} ({other.id}) is on the cell: its part is on the table",
-                    "look again when it has ended and its part was taken off; approving without table_clear is possible now",
-                )  # fmt: skip
+        for other in jobs.first_in(connection, state, 1, cell):
+            raise ApiError(
+                409, CLEAR.title, f"{other.name} ({other.id}) is on the cell: its part is on the table",
+                "look again when it has ended and its part was taken off; approving without table_clear is possible now",
+            )  # fmt: skip

@@ -43,15 +43,18 @@ def hindrances(job: JobRow, found: Sequence[Dependency], now: float) -> list[Wai
     return waits
 
 
-def waits_of(job: JobRow, found: Sequence[Dependency], now: float) -> list[Wait]:
-    """All that a job waits for, what is told first at the front."""
+def waits_of(job: JobRow, found: Sequence[Dependency], now: float, silence: str = "") -> list[Wait]:
+    """All that a job waits for, what is told first at the front.  silence : why it stays with a cell that is not heard"""
+    if silence and job.state not in ENDED:
+        return [Wait(kind="cell", text=silence), *waits_of(job, found, now)]
     if job.state in ENDED or job.state is J.RUNNING:
         return []
     if job.state in ON_CELL:
         return [Wait(kind="person", text=job.why or "waits until a person resumes or aborts it")]
     waits = hindrances(job, found, now)
     if job.state is J.SUBMITTED:
-        waits.insert(0, Wait(kind="planner", text=job.why or "waits for its turn with the planner"))
+        planner = Wait(kind="planner", text=job.why or "waits for its turn with the planner")
+        waits.insert(0, planner if job.cell else Wait(kind="cell", text=job.why or "waits for a cell that takes it"))
     elif job.state is J.WAITING_FOR_APPROVAL:
         waits.insert(0, Wait(kind="approval", text=job.why or "a person has to approve it"))
     elif job.state is J.QUEUED:

@@ -49,6 +49,7 @@ def submit(
     recipe: Annotated[Path | None, typer.Option("--recipe", help="Recipe (TOML).")] = None,
     units: Units = "mm",
     name: Annotated[str | None, typer.Option("--name", help="Of the job.")] = None,
+    cell: Annotated[str | None, typer.Option("--cell", help="Its name, or any: the fitting one with the least work. Default: the service's.")] = None,
     approve_it: Annotated[
         bool, typer.Option("--approve", help="Wait for the proof and approve it if it passed.")
     ] = False,
@@ -69,7 +70,7 @@ def submit(
             output.line(f"{part.name}: {size} mm (file in {uploaded['units']}), {uploaded['facets']} facets")
             for finding in uploaded["findings"]:
                 output.line(f"  {finding['text']}")
-        job = client.submit(uploaded["id"], recipe_toml=recipe_toml, name=name)
+        job = client.submit(uploaded["id"], recipe_toml=recipe_toml, name=name, cell=cell)
         if approve_it:
             job = follow(client, job["id"], quiet=json)
             if job["state"] in WAITS_FOR_PEOPLE:
@@ -95,13 +96,14 @@ def jobs(
     tag: Annotated[str | None, typer.Option("--tag", help="Only jobs with this tag.")] = None,
     text: Annotated[str | None, typer.Option("--text", help="Only jobs with these words in name, tags, reason or notes.")] = None,
     by: Annotated[str | None, typer.Option("--by", help="Only jobs that this person submitted.")] = None,
+    cell: Annotated[str | None, typer.Option("--cell", help="Only jobs of this cell; any: those that wait for one.")] = None,
     url: Url = None,
     run: RunFolder = DEFAULT_RUN,
     json: Json = False,
 ) -> None:
     """All jobs, newest first."""
     with connect(url, run) as client:
-        found = list(client.jobs(state, tag=tag, text=text, by=by))
+        found = list(client.jobs(state, tag=tag, text=text, by=by, cell=cell))
     if json:
         output.as_json(found)
         return

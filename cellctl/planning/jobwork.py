@@ -27,6 +27,7 @@ from cellctl.planning.task import (
 )
 from cellctl.planning.track import track_beside
 from cellctl.store import Store, blobs, jobs, lineage, made, parts, versions
+from cellctl.store.fleet import Seat
 from cellctl.store.jobs import JobRow
 from cellctl.store.made import Made
 from cellctl.store.parts import PartRow
@@ -43,7 +44,7 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class JobWork:
-    """Work on jobs of one cell. cell_file : where the workers read the same cell
+    """Work on jobs of one cell. cell_file : where the workers read the same cell; seat : of this service at it
 
     drawings : by job, the folder into which the layers of the plan that is being made are written one by one
     """
@@ -52,10 +53,11 @@ class JobWork:
     workers: Workers
     cell: Cell
     cell_file: Path
+    seat: Seat
     drawings: dict[str, Path] = field(default_factory=dict)
 
     async def take_through(self, job: JobRow, report: Report) -> None:
-        """From submitted to waiting for approval. Raises WorkerError, WrongJobStateError (cancelled meanwhile)."""
+        """From submitted to waiting for approval. Raises WorkerError, WrongJobStateError (cancelled meanwhile), WrongCellError."""
         part = await asyncio.to_thread(self._part, job)
         if job.continues_job is not None:
             await self._move(job, J.POSTING, why="")
@@ -94,7 +96,7 @@ class JobWork:
     async def _move(self, job: JobRow, *targets: JobState, **changes: Any) -> None:
         def move() -> None:
             with self.store.write() as connection:
-                jobs.move(connection, job.id, *targets, at=self.store.clock(), **changes)
+                jobs.move(connection, job.id, *targets, at=self.store.clock(), seat=self.seat, **changes)
 
         await asyncio.to_thread(move)
 

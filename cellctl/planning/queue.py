@@ -15,6 +15,7 @@ from cellctl.planning.jobwork import JobWork, Stopped
 from cellctl.planning.process import WorkerError
 from cellctl.planning.task import Failed
 from cellctl.store import Store, jobs
+from cellctl.store.fleet import WrongCellError
 from cellctl.store.jobs import JobRow
 from cellctl.store.parts import NotFoundError
 from config import Cell
@@ -35,7 +36,7 @@ class StageProgress:
 class PlanningQueue:
     """Call `run` as one task; `wake` after a job was added; `cancel` after a job was cancelled in the store.
 
-    changed : told the job's id after every change
+    changed : told the job's id after every change. Only jobs of the work's own cell are looked at.
     """
 
     def __init__(self, store: Store, work: JobWork, changed: Callable[[str], None], slots: int = 1) -> None:
@@ -50,6 +51,11 @@ class PlanningQueue:
     def use_cell(self, cell: Cell, cell_file: Path) -> None:
         """Post and prove for this cell from now on: it was measured anew."""
         self._work = replace(self._work, cell=cell, cell_file=cell_file)
+
+    @property
+    def working(self) -> tuple[str, ...]:
+        """The jobs that are worked on."""
+        return tuple(self._running)
 
     def wake(self) -> None:
         """Look for submitted jobs now."""
@@ -80,7 +86,7 @@ class PlanningQueue:
 
     def _resubmit(self) -> None:
         with self._store.write() as connection:
-            for job in jobs.oldest_in(connection, UNFINISHED):
+            for job in jobs.oldest_in(connection, UNFINISHED, self._work.seat.cell):
                 if (state := job.state) in (J.PLANNED, J.PROVEN):
                     log.error("job rests in a passing state", job=job.id, state=state.value)
                     continue
@@ -89,6 +95,7 @@ class PlanningQueue:
                     job.id,
                     J.SUBMITTED,
                     at=self._store.clock(),
+                    seat=self._work.seat,
                     why="the service restarted; this step starts again",
                 )
 
@@ -104,7 +111,7 @@ class PlanningQueue:
 
     def _waiting(self) -> list[JobRow]:
         with self._store.read() as connection:
-            return jobs.first_in(connection, J.SUBMITTED, self._slots + len(self._running))
+            return jobs.first_in(connection, J.SUBMITTED, self._slots + len(self._running), self._work.seat.cell)
 
     def _finished(self, job_id: str, _task: asyncio.Task[None]) -> None:
         self._running.pop(job_id, None)
@@ -123,7 +130,7 @@ class PlanningQueue:
             await self._work.take_through(job, report)
         except WorkerError as error:
             await self._fail(job.id, error.failed)
-        except (Stopped, WrongJobStateError, NotFoundError):
+        except (Stopped, WrongJobStateError, WrongCellError, NotFoundError):
             log.info("job left the planning queue", job=job.id)
         except asyncio.CancelledError:
             raise
@@ -139,9 +146,9 @@ class PlanningQueue:
 
         def move() -> None:
             with self._store.write() as connection:
-                jobs.move(connection, job_id, J.FAILED, at=self._store.clock(), error=document, why="")
+                jobs.move(connection, job_id, J.FAILED, at=self._store.clock(), seat=self._work.seat, error=document, why="")
 
         try:
             await asyncio.to_thread(move)
-        except WrongJobStateError:
-            log.info("job was cancelled while it failed", job=job_id)
+        except (WrongJobStateError, WrongCellError):
+            log.info("job left the planning queue while it failed", job=job_id)

@@ -96,6 +96,18 @@ def check_size(mesh: Mesh, recipe: Recipe, cell_file: str) -> None:
     raise refused[0]
 
 
+def check_powder(recipe: Recipe, cell_file: str) -> None:
+    """Refuse a powder that the cell is not fed. Raises PostError, ConfigError."""
+    from planner.errors import PostError
+
+    cell = _cell(cell_file)
+    if recipe.process != "mill" and cell.materials is not None and recipe.material not in cell.materials:
+        raise PostError(
+            f"material: asked {recipe.material}, {cell.name} is fed {', '.join(cell.materials) or 'no powder'} only",
+            "name one of these in the recipe, take another cell, or add it to `materials` of the cell file",
+        )
+
+
 def check_room(plan: Plan, cell_file: str) -> None:
     """Refuse a part that has no room in the cell as its plan places it. Raises PlannerError, ConfigError."""
     from planner.post.room import check_volume, table_from_build
@@ -120,6 +132,7 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
     loaded = load_checked(Path(task.mesh), task.units)
     recipe = recipe_of(task)
     if task.cell:
+        check_powder(recipe, task.cell)
         check_size(loaded.mesh, recipe, task.cell)
     views = Path(task.folder) / VIEW_FOLDER
     views.mkdir()

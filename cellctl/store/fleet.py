@@ -10,19 +10,37 @@ from typing import Any
 from sqlalchemy import Connection, RowMapping, delete, insert, select, text, update
 
 from cellctl.domain.fleet import LEASE_S, is_dead, is_living
+from cellctl.store.engine import StoreError
 from cellctl.store.parts import NotFoundError
 from cellctl.store.schema import fleet
 
 DOCUMENTS = ("facts", "doing")
 
 
-class LeaseHeldError(Exception):
-    """Another service runs this cell. `message` and `hint` are one line each."""
+class LeaseHeldError(StoreError):
+    """Another service runs this cell."""
 
     def __init__(self, cell: str, host: str, age_s: float) -> None:
-        self.message = f"the cell {cell} is run by another service, at {host or 'an unknown host'}, heard {age_s:.1f} s ago"
-        self.hint = f"stop that service, or wait {LEASE_S:g} s after it has died; two services never run one cell"
-        super().__init__(self.message)
+        super().__init__(
+            f"the cell {cell} is run by another service, at {host or 'an unknown host'}, heard {age_s:.1f} s ago",
+            f"stop that service, or wait {LEASE_S:g} s after it has died; two services never run one cell",
+        )
+
+
+@dataclass(frozen=True)
+class Seat:
+    """Which cell's machinery speaks. owner : of the service; empty where none keeps a lease, then the cell alone is asked for"""
+
+    cell: str
+    owner: str = ""
+
+
+class WrongCellError(Exception):
+    """A job that is not this service's to move: it was given to another cell, or the cell to another service. Nothing was changed."""
+
+    def __init__(self, job_id: str, cell: str, seat: Seat) -> None:
+        whose = f"it is {cell}'s" if cell != seat.cell else "another service has that cell"
+        super().__init__(f"{job_id} is not {seat.cell}'s to move any more: {whose if cell else 'it waits for a cell'}")
 
 
 @dataclass(frozen=True)
@@ -109,6 +127,12 @@ def check_lease(connection: Connection, cell: str, owner: str, now: float) -> No
 def is_owner(connection: Connection, cell: str, owner: str) -> bool:
     """Whether this service wrote the cell's row last: no other took the cell over since."""
     return connection.execute(select(fleet.c.owner).where(fleet.c.cell == cell)).scalar() == owner
+
+
+def check_seat(connection: Connection, job_id: str, cell: str, seat: Seat) -> None:
+    """Raises WrongCellError unless the job's cell is this service's, and nobody took the cell over."""
+    if cell != seat.cell or (seat.owner and not is_owner(connection, seat.cell, seat.owner)):
+        raise WrongCellError(job_id, cell, seat)
 
 
 def leave(connection: Connection, cell: str, owner: str) -> None:

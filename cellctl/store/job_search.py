@@ -8,6 +8,7 @@ from typing import Literal
 
 from sqlalchemy import ColumnElement, Connection, or_, select, tuple_
 
+from cellctl.domain.fleet import ANY
 from cellctl.domain.jobs import JobState
 from cellctl.store import lanes
 from cellctl.store.job_tables import job_notes, job_tags
@@ -23,6 +24,7 @@ class Asked:
     """What jobs are looked for; what is left out is not asked. tags : it has them all; text : in its name, id, state's reason or a note
 
     created_from, created_to : Unix time, s: from the first on, and before the second
+    cell : by name; `any`: those that wait for one
     """
 
     states: Sequence[JobState] = ()
@@ -33,6 +35,7 @@ class Asked:
     created_from: float | None = None
     created_to: float | None = None
     created_by: str = ""
+    cell: str = ""
 
 
 def _conditions(asked: Asked) -> list[ColumnElement[bool]]:
@@ -45,6 +48,8 @@ def _conditions(asked: Asked) -> list[ColumnElement[bool]]:
     for column, wanted in ((job.material, asked.material), (job.part_id, asked.part_id), (job.created_by, asked.created_by)):
         if wanted:
             found.append(column == wanted)
+    if asked.cell:
+        found.append(job.cell == ("" if asked.cell == ANY else asked.cell))
     if asked.created_from is not None:
         found.append(job.created_at >= asked.created_from)
     if asked.created_to is not None:

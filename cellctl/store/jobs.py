@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, RowMapping, func, insert, select, update
 
 from cellctl.domain.fleet import ANY
 from cellctl.domain.jobs import STEP_WORDS, JobState, step
 from cellctl.store import cell_table, lanes
+from cellctl.store.fleet import Seat, check_seat
 from cellctl.store.job_tables import job_counts, job_steps
 from cellctl.store.pages import page
 from cellctl.store.parts import NotFoundError
@@ -142,35 +143,48 @@ def find_page(
     return [row_of(row) for row in rows], following
 
 
-def oldest_in(connection: Connection, states: Sequence[JobState]) -> list[JobRow]:
-    """All jobs of these states, oldest first."""
-    query = select(jobs).where(jobs.c.state.in_([state.value for state in states])).order_by(jobs.c.seq)
+def oldest_in(connection: Connection, states: Sequence[JobState], cell: str | None = None) -> list[JobRow]:
+    """All jobs of these states, of one cell or all (None), oldest first."""
+    query = select(jobs).where(jobs.c.state.in_([state.value for state in states]), *_of(cell)).order_by(jobs.c.seq)
     return [row_of(row) for row in connection.execute(query).mappings()]
 
 
-def first_in(connection: Connection, state: JobState, limit: int) -> list[JobRow]:
-    """The first jobs of a state in the order in which they are worked on; takes the same time however many there are."""
-    query = select(jobs).where(jobs.c.state == state.value).order_by(jobs.c.priority, jobs.c.rank, jobs.c.seq).limit(limit)
+def _of(cell: str | None) -> tuple[ColumnElement[bool], ...]:
+    return () if cell is None else (jobs.c.cell == cell,)
+
+
+def first_in(connection: Connection, state: JobState, limit: int, cell: str | None = None) -> list[JobRow]:
+    """The first jobs of a state, of one cell or all (None), in the order in which they are worked on.
+
+    Takes the same time however many there are.
+    """
+    query = select(jobs).where(jobs.c.state == state.value, *_of(cell)).order_by(jobs.c.priority, jobs.c.rank, jobs.c.seq).limit(limit)
     return [row_of(row) for row in connection.execute(query).mappings()]
 
 
-def confirmed(connection: Connection) -> list[JobRow]:
-    """Queued jobs for whose table a person vouches and that the cell has not run, in the order of the queue: few, as each start takes the others'."""
-    query = select(jobs).where(jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True))
+def confirmed(connection: Connection, cell: str | None = None) -> list[JobRow]:
+    """Queued jobs of one cell, or of all (None), for whose table a person vouches and that the cell has not run, in the order of the queue.
+
+    Few, as each start takes the others'.
+    """
+    query = select(jobs).where(jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True), *_of(cell))
     query = query.where(~select(cell_runs.c.job).where(cell_runs.c.job == jobs.c.id).exists())
     found = [row_of(row) for row in connection.execute(query).mappings()]  # by their index; sorted here, so that it is that one that is used
     return sorted(found, key=lambda job: (job.priority, job.rank, job.seq))
 
 
-def on_or_near_cell(connection: Connection) -> list[JobRow]:
-    """Jobs that run, are held, or may just have been started, oldest first; takes the same time however many are queued."""
+def on_or_near_cell(connection: Connection, cell: str | None = None) -> list[JobRow]:
+    """Jobs of one cell, or of all (None), that run, are held, or may just have been started, oldest first.
+
+    Takes the same time however many are queued.
+    """
     recent = select(cell_runs.c.job).order_by(cell_runs.c.started_at.desc()).limit(RECENT_RUNS)
     queued = jobs.c.state == JobState.QUEUED.value
     conditions = (
         (jobs.c.state == JobState.RUNNING.value,), (jobs.c.state == JobState.HELD.value,),
-        (jobs.c.id.in_(recent.scalar_subquery()), queued), (queued, jobs.c.table_clear.is_(True)),
+        (jobs.c.id.in_(recent.scalar_subquery()), queued), (queued, jobs.c.table_clear.is_(True)), (queued, jobs.c.claimed_by != ""),
     )  # fmt: skip
-    found = {row["id"]: row_of(row) for one in conditions for row in connection.execute(select(jobs).where(*one)).mappings()}
+    found = {row["id"]: row_of(row) for one in conditions for row in connection.execute(select(jobs).where(*one, *_of(cell))).mappings()}
     return sorted(found.values(), key=lambda job: job.seq)
 
 
@@ -180,13 +194,19 @@ def change(connection: Connection, job_id: str, **changes: Any) -> JobRow:
     return get(connection, job_id)
 
 
-def move(connection: Connection, job_id: str, *targets: JobState, at: float, by: str = "", reason: str = "", **changes: Any) -> JobRow:
+def move(
+    connection: Connection, job_id: str, *targets: JobState, at: float, by: str = "", reason: str = "", seat: Seat | None = None, **changes: Any
+) -> JobRow:
     """Move a job through one state or several, in one transaction of the caller; each step is written down.
 
     by : who did it, if a person; reason : of the last step, default `why` of the changes, or the table's words
-    Raises NotFoundError, and WrongJobStateError if the table has no such step (the caller's transaction then changes nothing).
+    seat : of the service whose machinery moves it: the job has to be its own still; None: a person's doing, or the fleet's
+    Raises NotFoundError; WrongJobStateError if the table has no such step, WrongCellError if the job, or the cell, is another service's by now
+    (the caller's transaction then changes nothing).
     """
     job = get(connection, job_id)
+    if seat is not None:
+        check_seat(connection, job_id, job.cell, seat)
     state, times = job.state, dict(job.timestamps)
     for number, target in enumerate(targets, 1):
         left, state = state, step(state, target)
@@ -195,7 +215,8 @@ def move(connection: Connection, job_id: str, *targets: JobState, at: float, by:
         _note_step(connection, job_id, at, left.value, state, told or STEP_WORDS[left, state], by)
         if left is JobState.QUEUED and state is JobState.RUNNING:
             cell_table.occupy(connection, job.cell, job_id, at)
-    values = _columns({**changes, "timestamps": times})
+    claim = {"claimed_by": "", "claimed_at": None} if job.claimed_by else {}  # for one start only
+    values = _columns({**claim, **changes, "timestamps": times})
     connection.execute(update(jobs).where(jobs.c.id == job_id).values(state=state.value, **values))
     _count(connection, job.state, -1)
     _count(connection, state, 1)
@@ -208,6 +229,12 @@ def steps_of(connection: Connection, job_id: str) -> list[Step]:
     columns = [job_steps.c[name] for name in Step.__dataclass_fields__]
     query = select(*columns).where(job_steps.c.job_id == job_id).order_by(job_steps.c.seq)
     return [Step(**row) for row in connection.execute(query).mappings()]
+
+
+def note(connection: Connection, job_id: str, at: float, why: str) -> None:
+    """Write down what became of a job that stays in its state: whose it is."""
+    state = get(connection, job_id).state
+    _note_step(connection, job_id, at, state.value, state, why, "")
 
 
 def _note_step(connection: Connection, job_id: str, at: float, left: str, state: JobState, why: str, who: str) -> None:
@@ -241,7 +268,7 @@ def _count(connection: Connection, state: JobState, by: int) -> None:
         connection.execute(insert(job_counts).values(state=state.value, count=first))
 
 
-def forget_clear_tables(connection: Connection) -> None:
-    """A job starts: whoever confirmed that the table is clear has to look again."""
-    is_confirmed = (jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True))
+def forget_clear_tables(connection: Connection, cell: str | None = None) -> None:
+    """A job starts on a cell, or on any (None): whoever confirmed that its table is clear has to look again."""
+    is_confirmed = (jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True), *_of(cell))
     connection.execute(update(jobs).where(*is_confirmed).values(table_clear=False))

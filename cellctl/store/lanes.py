@@ -10,7 +10,7 @@ import base64
 import binascii
 from enum import StrEnum
 
-from sqlalchemy import ColumnElement, Connection, func, insert, select, tuple_, update
+from sqlalchemy import ColumnElement, Connection, and_, func, insert, select, tuple_, update
 
 from cellctl.domain.jobs import JobState
 from cellctl.store.job_tables import queue_versions
@@ -66,8 +66,9 @@ def last_rank(connection: Connection) -> int:
     return int(connection.execute(select(func.max(jobs.c.rank))).scalar() or 0)
 
 
-def _in(lane: Lane) -> ColumnElement[bool]:
-    return jobs.c.state == STATE_OF[lane].value
+def _in(lane: Lane, cell: str | None = None) -> ColumnElement[bool]:
+    state = jobs.c.state == STATE_OF[lane].value
+    return state if cell is None else and_(state, jobs.c.cell == cell)
 
 
 def place_of(connection: Connection, lane: Lane, job_id: str) -> Place:
@@ -78,28 +79,28 @@ def place_of(connection: Connection, lane: Lane, job_id: str) -> Place:
     return (row[0], row[1], row[2])
 
 
-def ahead_of(connection: Connection, lane: Lane, place: Place) -> int:
-    """How many stand before a place."""
-    query = select(func.count()).select_from(jobs).where(_in(lane), tuple_(*PLACE) < tuple_(*place))
+def ahead_of(connection: Connection, lane: Lane, place: Place, cell: str | None = None) -> int:
+    """How many stand before a place.  cell : here and below, among the jobs of one cell, None: of all"""
+    query = select(func.count()).select_from(jobs).where(_in(lane, cell), tuple_(*PLACE) < tuple_(*place))
     return int(connection.execute(query).scalar_one())
 
 
-def length(connection: Connection, lane: Lane) -> int:
+def length(connection: Connection, lane: Lane, cell: str | None = None) -> int:
     """How many stand in a lane."""
-    return int(connection.execute(select(func.count()).select_from(jobs).where(_in(lane))).scalar_one())
+    return int(connection.execute(select(func.count()).select_from(jobs).where(_in(lane, cell))).scalar_one())
 
 
-def neighbour(connection: Connection, lane: Lane, place: Place, after: bool) -> Place | None:
+def neighbour(connection: Connection, lane: Lane, place: Place, after: bool, cell: str | None = None) -> Place | None:
     """The place behind (or before) this one, None at the end."""
     here, order = tuple_(*PLACE), PLACE if after else tuple(column.desc() for column in PLACE)
-    query = select(*PLACE).where(_in(lane), here > tuple_(*place) if after else here < tuple_(*place)).order_by(*order).limit(1)
+    query = select(*PLACE).where(_in(lane, cell), here > tuple_(*place) if after else here < tuple_(*place)).order_by(*order).limit(1)
     row = connection.execute(query).first()
     return None if row is None else (row[0], row[1], row[2])
 
 
-def at_position(connection: Connection, lane: Lane, position: int, without: str) -> Place | None:
+def at_position(connection: Connection, lane: Lane, position: int, without: str, cell: str | None = None) -> Place | None:
     """The place of the job that is `position`-th (from 0) among all but one, None behind the last."""
-    query = select(*PLACE).where(_in(lane), jobs.c.id != without).order_by(*PLACE).offset(position).limit(1)
+    query = select(*PLACE).where(_in(lane, cell), jobs.c.id != without).order_by(*PLACE).offset(position).limit(1)
     row = connection.execute(query).first()
     return None if row is None else (row[0], row[1], row[2])
 

@@ -11,6 +11,7 @@ import pytest
 from cellctl.domain.jobs import JobState
 from cellctl.planning.jobwork import JobWork
 from cellctl.store import jobs, parts
+from cellctl.store.fleet import Seat
 from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
 from cellctl.store.parts import Inspection, PartRow
@@ -71,7 +72,7 @@ async def test_what_a_proof_leaves_in_its_folder_is_kept_under_the_hash_of_its_f
     figures = b'{"passed": true, "findings": []}'
     (tmp_path / "proof.json").write_bytes(figures)
     (tmp_path / "proof.html").write_bytes(PAGE)
-    work = JobWork(web.service.store, None, web.service.cell, tmp_path)  # type: ignore[arg-type]
+    work = JobWork(web.service.store, None, web.service.cell, tmp_path, Seat(web.service.cell.name))  # type: ignore[arg-type]
     kept = work._keep_proof(tmp_path, {"passed": True, "findings": []})
     assert kept.sha256 == hashlib.sha256(figures).hexdigest()
     assert web.service.store.blobs.report(kept.sha256).read_bytes() == PAGE and web.service.store.blobs.proof(kept.sha256).read_bytes() == figures

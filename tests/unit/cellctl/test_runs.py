@@ -13,6 +13,7 @@ from cellctl.domain.jobs import JobState
 from cellctl.domain.messages import Reply
 from cellctl.domain.snapshot import Control, Snapshot, Table
 from cellctl.store import Store, jobs
+from cellctl.store.fleet import Seat
 from cellctl.store.jobs import JobRow
 from config.by_hand import ByHand
 from tests.unit.cellctl.test_store import job_in, part_in
@@ -42,7 +43,7 @@ def idle(control: Control | None = None, disturbed_at: float = 0.0, because: str
 
 def runs_of(store: Store, far: FarCell, **facts: float) -> Runs:
     """As a web process that has just started has it."""
-    return Runs(store, cast(CellLink, far), lambda job: None, ByHand.model_validate(facts))
+    return Runs(store, cast(CellLink, far), lambda job: None, ByHand.model_validate(facts), Seat("cell"))
 
 
 @pytest.fixture
