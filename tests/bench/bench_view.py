@@ -13,7 +13,7 @@ from tests.console.test_console import sign_in
 
 def run() -> list[Table]:
     """Serve the plan, open the console, and look at it at rest, scrubbed and turned."""
-    rows: list[tuple[str, float, float, float, float, float, float, float]] = []
+    rows: list[tuple[str, float, float, float, float, float, float, float, float]] = []
     with RunningCell() as cell, sync_playwright() as playwright:
         segments = add_job(cell.store)
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
@@ -29,13 +29,19 @@ def run() -> list[Table]:
             rows.append(
                 (
                     what, seen["calls"], seen["triangles"] / 1000, seen["lines"] / 1000, seen["bytes"] / 1e6, seen["frames_per_s"],
-                    seen["longest_task_ms"], 100 * seen["long_share"],
+                    seen["own_task_ms"], seen["longest_task_ms"], 100 * seen["long_share"],
                 )
             )  # fmt: skip
         before = costs(page)["frames"]
         page.wait_for_timeout(2000)
         still = costs(page)["frames"] - before
         browser.close()
-    columns = ("while", "draw calls", "1000 triangles", "1000 lines", "MB on the card", "frames/s", "longest task ms", "% in long tasks")
-    note = f"{segments} segments in {LAYERS} layers; software rendering (SwiftShader); worst of each run; frames drawn in 2 s at rest: {still:.0f}"
+    columns = (
+        "while", "draw calls", "1000 triangles", "1000 lines", "MB on the card", "frames/s", "longest own task ms", "longest task ms",
+        "% in long tasks",
+    )  # fmt: skip
+    note = (
+        f"{segments} segments in {LAYERS} layers; software rendering (SwiftShader); worst of each run; own: processor time of the page, "
+        f"without the rasteriser; frames drawn in 2 s at rest: {still:.0f}"
+    )
     return [Table("3-D view: five million segments", columns, rows, note)]

@@ -27,6 +27,7 @@ pytestmark = pytest.mark.timeout(900)
 SEGMENTS_LEAST = 4_900_000
 CALLS_MAX = 30
 BYTES_MAX = 96e6
+OWN_TASK_MS_MAX = 50.0  # above this a task is a long one by the browsers' own measure
 TRIANGLES_MAX = 400_000  # where the processor draws them
 
 
@@ -49,6 +50,7 @@ def test_scrubbing_five_million_segments_stays_within_budget_and_the_page_answer
     seen = browse(viewed, "scrub")
     assert seen["calls"] <= CALLS_MAX and seen["bytes"] <= BYTES_MAX
     assert seen["triangles"] <= TRIANGLES_MAX
+    assert 0.0 < seen["own_task_ms"] <= OWN_TASK_MS_MAX
     expect(viewed.locator(".scrub-card")).to_contain_text("Scrubbing the program")
     viewed.get_by_role("button", name="Play").click()
     viewed.get_by_role("tab", name="Jobs").click()

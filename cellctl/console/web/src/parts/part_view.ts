@@ -1,9 +1,9 @@
 // One part on a stage of its own, with a mark where something was found.
 import { BufferGeometry, Mesh, MeshBasicMaterial, MeshStandardMaterial, SphereGeometry } from "three";
-import { getBytes } from "../api/http";
 import { colour } from "../state/theme";
+import { partGeometry } from "../view3d/ghost";
+import { Loader } from "../view3d/loader";
 import { Stage, type ViewName } from "../view3d/stage";
-import { geometryOf } from "../view3d/stl";
 
 const MARK_SHARE = 0.02; // of the part's size
 
@@ -14,6 +14,7 @@ export class PartView {
   private readonly mark = new Mesh(new SphereGeometry(1, 24, 16), this.markMaterial);
   private part: Mesh<BufferGeometry, MeshStandardMaterial> | null = null;
   private readonly aborter = new AbortController();
+  private readonly loader = new Loader();
 
   /** Raises Error where the browser has no WebGL. */
   constructor(host: HTMLElement) {
@@ -31,13 +32,12 @@ export class PartView {
     this.stage.draw();
   }
 
-  /** Raises RequestError, RangeError. */
+  /** Raises RequestError. */
   async load(id: string, bounds: number[][]): Promise<void> {
     const [low = [0, 0, 0], high = [1, 1, 1]] = bounds;
     this.stage.setBounds(low, high);
     this.mark.scale.setScalar(MARK_SHARE * Math.hypot(...high.map((value, k) => value - (low[k] ?? 0))));
-    const geometry = geometryOf(await getBytes(`/parts/${id}/mesh`, this.aborter.signal));
-    if (this.aborter.signal.aborted) return geometry.dispose();
+    const geometry = partGeometry(await this.loader.ask({ kind: "part", url: `/api/v1/parts/${id}/mesh` }, this.aborter.signal));
     this.part = new Mesh(geometry, this.material);
     this.stage.scene.add(this.part);
     this.stage.draw();
@@ -59,6 +59,7 @@ export class PartView {
 
   dispose(): void {
     this.aborter.abort();
+    this.loader.dispose();
     this.part?.geometry.dispose();
     this.mark.geometry.dispose();
     this.material.dispose();

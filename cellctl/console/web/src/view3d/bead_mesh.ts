@@ -2,6 +2,8 @@
 import { BufferAttribute, BufferGeometry, Mesh, type MeshMatcapMaterial } from "three";
 import type { Beads } from "./beads";
 
+const PAINTED_AT_ONCE = 60_000; // corners: some milliseconds
+
 export class BeadMesh {
   readonly mesh: Mesh<BufferGeometry, MeshMatcapMaterial>;
   readonly bytes: number;
@@ -13,6 +15,7 @@ export class BeadMesh {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(beads.positions, 4));
     geometry.setAttribute("normal", new BufferAttribute(beads.normals, 4, true));
+    if (material.vertexColors) geometry.setAttribute("color", new BufferAttribute(new Uint8Array(4 * beads.vertexOf.length).fill(255), 4, true));
     geometry.setIndex(new BufferAttribute(beads.index, 1));
     geometry.setDrawRange(0, 0);
     this.mesh = new Mesh(geometry, material);
@@ -31,14 +34,16 @@ export class BeadMesh {
     this.mesh.visible = end > start;
   }
 
-  /** Colour every corner by the vertex of the path that it belongs to; channels 0 to 255. */
-  paint(rgb: (vertex: number) => [number, number, number]): void {
+  /** Colour the corners by the vertex of the path that each belongs to, from the corner `first` on, as many as a frame has time for; channels
+   * 0 to 255. Returns the corner to go on with, 0 when all are coloured. Only with a material that has colours at its corners. */
+  paint(rgb: (vertex: number) => [number, number, number], first: number): number {
     const { vertexOf } = this.beads;
-    const known = this.mesh.geometry.getAttribute("color") as BufferAttribute | undefined;
-    const colours = (known?.array as Uint8Array | undefined) ?? new Uint8Array(4 * vertexOf.length);
+    const known = this.mesh.geometry.getAttribute("color") as BufferAttribute;
+    const colours = known.array as Uint8Array;
+    const end = Math.min(first + PAINTED_AT_ONCE, vertexOf.length);
     let before = -1;
     let shown: [number, number, number] = [255, 255, 255];
-    for (let k = 0; k < vertexOf.length; k++) {
+    for (let k = first; k < end; k++) {
       const vertex = vertexOf[k]!;
       if (vertex !== before) {
         before = vertex;
@@ -47,10 +52,10 @@ export class BeadMesh {
       colours[4 * k] = shown[0];
       colours[4 * k + 1] = shown[1];
       colours[4 * k + 2] = shown[2];
-      colours[4 * k + 3] = 255;
     }
-    if (known) known.needsUpdate = true;
-    else this.mesh.geometry.setAttribute("color", new BufferAttribute(colours, 4, true));
+    known.addUpdateRange(4 * first, 4 * (end - first));
+    known.needsUpdate = true;
+    return end < vertexOf.length ? end : 0;
   }
 
   dispose(): void {

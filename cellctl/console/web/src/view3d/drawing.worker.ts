@@ -2,6 +2,8 @@
 import { beadsOf, type Beads, type BeadSource, type Which } from "./beads";
 import { unpacked, type Drawing } from "./container";
 import type { Asked, FromWorker, Made, ToWorker } from "./messages";
+import { normalsOf } from "./normals";
+import { facetsOf } from "./stl";
 
 const aborters = new Map<number, AbortController>();
 
@@ -22,20 +24,23 @@ scope.onmessage = ({ data }) => {
 };
 
 async function answer(id: number, ask: Asked, headers: Record<string, string>, signal: AbortSignal): Promise<void> {
+  let status = 0;
   try {
     const got = await fetch(ask.url, { credentials: "same-origin", headers, signal });
-    if (!got.ok) throw new Error(`${got.status}`);
+    ({ status } = got);
+    if (!got.ok) throw new Error(got.statusText);
     const bytes = await got.arrayBuffer();
-    const made = withBeads(ask, unpacked(bytes), bytes.byteLength);
+    const made = withBodies(ask, ask.kind === "part" ? facetsOf(bytes) : unpacked(bytes), bytes.byteLength);
     if (signal.aborted) return;
     scope.postMessage({ id, made }, buffersOf(made, bytes));
   } catch (error) {
-    if (!signal.aborted) scope.postMessage({ id, error: error instanceof Error ? error.message : String(error) }, []);
+    if (!signal.aborted) scope.postMessage({ id, status, error: error instanceof Error ? error.message : String(error) }, []);
   }
 }
 
 function buffersOf(made: Made, bytes: ArrayBuffer): Transferable[] {
   const found = new Set<Transferable>([bytes]);
+  for (const array of Object.values(made.arrays)) found.add(array.buffer as ArrayBuffer);
   for (const beads of [made.beads, made.contours, made.inside]) {
     if (!beads) continue;
     for (const array of [beads.positions, beads.normals, beads.index, beads.cut, beads.vertexOf]) found.add(array.buffer as ArrayBuffer);
@@ -43,8 +48,9 @@ function buffersOf(made: Made, bytes: ArrayBuffer): Transferable[] {
   return [...found];
 }
 
-function withBeads(ask: Asked, drawing: Drawing, bytes: number): Made {
+function withBodies(ask: Asked, drawing: Drawing, bytes: number): Made {
   const made: Made = { ...drawing, bytes };
+  if (ask.kind === "surface") made.arrays.normal = normalsOf(drawing.arrays.position as Uint16Array, drawing.arrays.facets as Uint32Array);
   if (ask.kind === "layer") made.beads = beadsOf(layerSource(drawing), "all", 5);
   if (ask.kind === "whole") {
     const pieces = drawing.arrays.position!.length / 4;

@@ -1,9 +1,9 @@
 // The finished part where the plan puts it: translucent as what it shall become, or smooth metal up to where it is milled.
-import { DoubleSide, Matrix4, Mesh, MeshStandardMaterial, Plane, type Scene, Vector3 } from "three";
-import { getBytes } from "../api/http";
+import { BufferAttribute, BufferGeometry, DoubleSide, Matrix4, Mesh, MeshStandardMaterial, Plane, type Scene, Vector3 } from "three";
 import { colour } from "../state/theme";
+import type { Loader } from "./loader";
+import type { Made } from "./messages";
 import { metal } from "./metal";
-import { geometryOf } from "./stl";
 
 export class Ghost {
   private mesh: Mesh | null = null;
@@ -16,6 +16,7 @@ export class Ghost {
 
   constructor(
     private readonly scene: Scene,
+    private readonly loader: Loader,
     private readonly changed: () => void,
   ) {
     this.milled.clippingPlanes = [this.top];
@@ -43,14 +44,17 @@ export class Ghost {
     this.clear();
     const { signal } = this.aborter;
     try {
-      const geometry = geometryOf(await getBytes(`/parts/${part}/mesh`, signal));
-      if (signal.aborted) return geometry.dispose();
-      geometry.applyMatrix4(new Matrix4().fromArray(buildFromPart.flat()).transpose());
+      const geometry = partGeometry(await this.loader.ask({ kind: "part", url: `/api/v1/parts/${part}/mesh` }, signal));
+      const place = new Matrix4().fromArray(buildFromPart.flat()).transpose();
       this.mesh = new Mesh(geometry, this.material);
       this.mesh.visible = this.isWanted;
       this.mesh.renderOrder = 2;
       this.wall = new Mesh(geometry, this.milled);
       this.wall.visible = false;
+      for (const mesh of [this.mesh, this.wall]) {
+        mesh.matrixAutoUpdate = false;
+        mesh.matrix.copy(place);
+      }
       this.scene.add(this.mesh, this.wall);
       this.changed();
     } catch (error) {
@@ -72,4 +76,12 @@ export class Ghost {
     this.material.dispose();
     this.milled.dispose();
   }
+}
+
+/** The facets of a part as the worker made them. */
+export function partGeometry({ arrays }: Made): BufferGeometry {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(arrays.position as Float32Array, 3));
+  geometry.setAttribute("normal", new BufferAttribute(arrays.normal as Int8Array, 4, true));
+  return geometry;
 }

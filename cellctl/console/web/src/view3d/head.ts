@@ -74,6 +74,7 @@ export class Head {
       mesh.visible = name === "plate";
       this.plate.add(mesh);
     }
+    this.mount({ tool: 0, isMilling: false }); // so that its programs are made before it is to be seen
     for (const solid of facts.machine?.solids ?? []) {
       const geometry = solidGeometry(solid);
       if (!geometry) continue;
@@ -109,7 +110,7 @@ export class Head {
     return new Quaternion().setFromUnitVectors(UP, axis);
   }
 
-  private mount({ tool, isMilling }: Stand): void {
+  private mount({ tool, isMilling }: Pick<Stand, "tool" | "isMilling">): void {
     const tools = this.facts?.tools ?? [];
     const fits = (one: { kind: string }) => (one.kind === "deposition") !== isMilling;
     const facts = tools.find((one) => one.number === tool && fits(one)) ?? tools.find(fits);

@@ -39,7 +39,8 @@ export class Layer {
   private readonly firsts: Int32Array; // first vertex of each pass
   private readonly passesOf: number[]; // first pass of each operation
   private hasTimes = false;
-  private painted = "";
+  private painted = ""; // as what the beads are coloured
+  private paintedTo = 0; // corner to go on with, 0: all are
 
   constructor(
     readonly number: number,
@@ -149,22 +150,25 @@ export class Layer {
     this.paths.timed();
   }
 
-  /** Colour the beads as the lines are coloured, where that changed. table: of the scale */
-  paintBeads(table: Uint8Array, byProcess: [number, number, number][], key: string): void {
-    if (!this.beads || this.painted === key) return;
+  /** Colour the beads as the lines are coloured, where that changed; false if the next frame has to go on with it. table: of the scale */
+  paintBeads(table: Uint8Array, byProcess: [number, number, number][], key: string): boolean {
+    if (!this.beads || (this.painted === key && this.paintedTo === 0)) return true;
+    if (this.painted !== key) this.paintedTo = 0;
     this.painted = key;
     const { quantity, range } = this.colouring;
     const position = this.paths.made.arrays.position as Uint16Array;
     const values = this.paths.made.arrays.values as Uint16Array;
     const column = { speed: 0, power: 1, tilt: 2 }[quantity as string];
-    this.beads.paint((vertex) => {
+    const rgb = (vertex: number): [number, number, number] => {
       let v = vertex;
       if (position[4 * v + 3]! & FIRST && v + 1 < this.paths.count) v++;
       if (quantity === "process" || quantity === "deviation") return byProcess[Math.min(position[4 * v + 3]! >> PROCESS_SHIFT, 5)]!;
       const value = column === undefined ? this.paths.times[v]! : values[4 * v + column]! * UNITS[column as 0 | 1 | 2];
       const step = 4 * Math.round(255 * Math.min(1, Math.max(0, (value - range[0]) / Math.max(range[1] - range[0], 1e-6))));
       return [table[step]!, table[step + 1]!, table[step + 2]!];
-    });
+    };
+    this.paintedTo = this.beads.paint(rgb, this.paintedTo);
+    return this.paintedTo === 0;
   }
 
   dispose(): void {

@@ -54,15 +54,15 @@ export class LayerStore {
     return here;
   }
 
-  /** Colours and times of a layer as they are now. */
-  dress(layer: Layer, track: Track | null): void {
+  /** Colours and times of a layer as they are now; false if the next frame has to go on with it. */
+  dress(layer: Layer, track: Track | null): boolean {
     if (track && this.colouring.quantity === "time") layer.setTimes(track.linesOf(layer.number), this.firsts[layer.number] ?? 0);
     const { quantity, range, process } = this.colouring;
     const shown = process.map((one) => {
       const { r, g, b } = one.clone().convertLinearToSRGB();
       return [r * 255, g * 255, b * 255] as [number, number, number];
     });
-    layer.paintBeads(this.scale, shown, `${quantity} ${range} ${process[0]!.getHexString()}`);
+    return layer.paintBeads(this.scale, shown, `${quantity} ${range} ${process[0]!.getHexString()}`);
   }
 
   get bytes(): number {

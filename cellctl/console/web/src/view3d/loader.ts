@@ -1,5 +1,6 @@
 // The page's end of the worker: one promise for each drawing that is asked for.
-import { clientId } from "../api/http";
+import { clientId, RequestError } from "../api/http";
+import { words } from "../words";
 import type { Asked, FromWorker, Made, ToWorker } from "./messages";
 
 interface Waiting {
@@ -17,11 +18,11 @@ export class Loader {
       const asked = this.waiting.get(data.id);
       this.waiting.delete(data.id);
       if ("made" in data) asked?.done(data.made);
-      else asked?.failed(new Error(data.error));
+      else asked?.failed(refused(data.status, data.error));
     };
   }
 
-  /** A drawing; rejects where it cannot be had, or with an AbortError. */
+  /** A drawing. Rejects with a RequestError where it cannot be had, or with an AbortError. */
   ask(ask: Asked, signal: AbortSignal): Promise<Made> {
     const id = ++this.last;
     return new Promise((done, failed) => {
@@ -46,4 +47,11 @@ export class Loader {
     this.worker.terminate();
     this.waiting.clear();
   }
+}
+
+/** status 0: no answer; 200: what came is no drawing */
+function refused(status: number, detail: string): RequestError {
+  const { problems } = words;
+  if (status === 0) return new RequestError(0, { title: problems.noAnswer, detail: problems.noAnswerDetail });
+  return new RequestError(status, { title: problems.refused(status), detail });
 }

@@ -5,7 +5,7 @@ import type { Drawing } from "./container";
 export type Asked =
   | { kind: "layer"; url: string }
   | { kind: "whole"; url: string; normals: Float32Array; beadPieces: number }
-  | { kind: "lines" | "surface"; url: string };
+  | { kind: "lines" | "surface" | "part"; url: string };
 
 export interface Made extends Drawing {
   bytes: number;
@@ -15,4 +15,4 @@ export interface Made extends Drawing {
 }
 
 export type ToWorker = { id: number; ask: Asked; headers: Record<string, string> } | { id: number; abort: true };
-export type FromWorker = { id: number; made: Made } | { id: number; error: string };
+export type FromWorker = { id: number; made: Made } | { id: number; status: number; error: string };

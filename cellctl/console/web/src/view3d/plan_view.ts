@@ -73,16 +73,24 @@ export class PlanView {
       draw();
       loaded();
     };
-    this.layers = new LayerStore(this.loader, this.colouring, changed);
+    this.layers = new LayerStore(this.loader, this.colouring, () => this.came("layer"));
     this.wholes = new Asking(this.loader, () => this.wholeDrawing(), (_, made) => this.wholeCame(made), changed);
-    this.ghost = new Ghost(this.stage.scene, draw);
-    this.surface = new Surface(this.stage.scene, this.loader, changed);
+    this.ghost = new Ghost(this.stage.scene, this.loader, () => this.came("part"));
+    this.surface = new Surface(this.stage.scene, this.loader, () => this.came("surface"));
     this.stage.scene.add(this.layers.group, this.bead.mesh, ...this.head.objects);
   }
 
   setFacts(facts: CellFacts | null): void {
     this.head.setFacts(facts);
+    if (facts) this.stage.prepare("machine");
     this.stage.draw();
+  }
+
+  /** Something of a kind is on the stage. */
+  private came(kind: string): void {
+    this.stage.prepare(kind);
+    this.stage.draw();
+    this.loaded();
   }
 
   /** Show a plan, or none. */
@@ -118,8 +126,7 @@ export class PlanView {
     this.whole = new Whole(made, this.colouring, this.steel);
     if (this.track) this.whole.setTimes(this.track.index);
     this.stage.scene.add(this.whole.group);
-    this.stage.draw();
-    this.loaded();
+    this.came("whole");
   }
 
   /** Whether something that is to be seen could not be had yet. */
@@ -190,7 +197,7 @@ export class PlanView {
   }
 
   private arrangeLayer(layer: Layer, wanted: Wanted): void {
-    this.layers.dress(layer, this.track);
+    if (!this.layers.dress(layer, this.track)) this.stage.draw();
     const done = this.executed(layer, wanted);
     const isWhole = done >= layer.paths.count;
     const dim = wanted.moment && !isWhole ? DIM.waiting : DIM.plain;

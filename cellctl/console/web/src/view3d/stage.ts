@@ -6,6 +6,7 @@ import { colour } from "../state/theme";
 const PIXELS_MAX = 1.5; // device pixels per pixel: more costs without being seen on lines
 const DIRECTIONS = { fit: new Vector3(0.75, -1, 0.62), top: new Vector3(0, -0.001, 1), side: new Vector3(0, -1, 0.1) };
 const MARGIN = 1.18; // around the part, for the tool
+const PREPARED_MS = 2000; // then a frame is drawn even if the card is not ready
 const GRID_MM = 10;
 
 export type ViewName = keyof typeof DIRECTIONS;
@@ -35,6 +36,8 @@ export class Stage {
   private frame = 0;
   private isSeen = true;
   private isDue = false;
+  private readonly prepared = new Set<string>();
+  private preparing = 0;
 
   /** before, after: called around every frame. Raises Error where the browser has no WebGL. */
   constructor(
@@ -45,6 +48,7 @@ export class Stage {
     this.renderer = new WebGLRenderer({ antialias: true, powerPreference: "low-power" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, PIXELS_MAX));
     this.renderer.localClippingEnabled = true;
+    this.renderer.debug.checkShaderErrors = import.meta.env.DEV; // asking waits for the card
     this.canvas = this.renderer.domElement;
     this.canvas.setAttribute("aria-hidden", "true");
     host.append(this.canvas);
@@ -142,9 +146,21 @@ export class Stage {
   /** Draw at the next frame, once however often it is asked; not while nobody sees it. */
   readonly draw = (): void => {
     this.isDue = true;
-    if (!this.isSeen) return;
+    if (!this.isSeen || this.preparing) return;
     this.frame ||= requestAnimationFrame(() => this.render());
   };
+
+  /** Let the programs of what is on the stage be made beside the page, once for each kind of thing; the next frame waits for them, not the page. */
+  prepare(kind: string): void {
+    if (this.prepared.has(kind)) return;
+    this.prepared.add(kind);
+    this.preparing++;
+    const late = new Promise((end) => setTimeout(end, PREPARED_MS));
+    void Promise.race([this.renderer.compileAsync(this.scene, this.camera), late]).then(() => {
+      this.preparing--;
+      if (this.isDue) this.draw();
+    });
+  }
 
   private render(): void {
     this.frame = 0;
