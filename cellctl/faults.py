@@ -42,6 +42,7 @@ TABLE: dict[tuple[str, str], tuple[str, int, int]] = {
     ("cellctl.client", "ServiceError"): ("The service refused", 502, 1),
     ("cellctl.record.seal", "SealError"): ("The record is not what was sealed", 500, 1),
     ("cellctl.first_start", "ServeError"): ("The service cannot start", 503, 2),
+    ("cellctl.planning.pool.wire", "PoolError"): ("The planning pool cannot be used", 503, 2),
     ("cellctl.cli.input", "InputFault"): ("Bad input", 422, 2),
     ("cellctl.demo", "DemoError"): ("The demo failed", 500, 1),
     ("cellctl.doctor.options", "DoctorError"): ("The cell cannot be checked", 503, 1),

@@ -19,6 +19,7 @@ from pathlib import Path
 import httpx
 
 from cellctl.first_start import ServeError, check_reach, first_token
+from cellctl.planning.pool.wire import PoolWire, check_installed, check_pool
 from cellctl.reach import Wire, check_wire
 from cellctl.store import upgrade
 from cellctl.store.engine import DATABASE
@@ -51,6 +52,7 @@ class Options:
     upload_limit_mb: float = 200.0
     worker_memory_mb: float = 8192.0
     wire: Wire = field(default_factory=Wire)
+    pool: PoolWire | None = None
 
 
 @dataclass(frozen=True)
@@ -234,7 +236,7 @@ class Supervisor:
         with only_one(options.run):
             upgrade(options.store)
             check_reach(options.store, host)
-            for warning in check_wire(options.wire, host):
+            for warning in (*check_wire(options.wire, host), *self._check_pool()):
                 self._say(warning)
             scheme = options.wire.scheme
             adopted = cell_process_at(options.run / "cell.sock")
@@ -250,13 +252,21 @@ class Supervisor:
                 asyncio.get_running_loop().add_signal_handler(sign, self._stop.set)
             await self._serve(cell_keeper, web_keeper, address, secret, adopted)
 
+    def _check_pool(self) -> list[str]:
+        """Lines of warning. Raises PoolError, TlsError."""
+        if self._options.pool is None:
+            return []
+        check_installed()
+        warning = check_pool(self._options.pool)
+        return [warning] if warning else []
+
     def _keepers(self, cell_file: Path, address: Address) -> tuple[Keeper, Keeper]:
         options, python = self._options, sys.executable
         shared = ["--cell", str(cell_file), "--run", str(options.run.resolve())]
         cell = [python, "-m", "cellctl.cell", *shared, "--store", str(options.store.resolve() / DATABASE)]
         web = [python, "-m", "cellctl.api", *shared, "--store", str(options.store.resolve())]
         files = options.wire.files()
-        web += [*files, *options.wire.for_web()]
+        web += [*files, *options.wire.for_web(), *(options.pool.words() if options.pool is not None else [])]
         limits = {"upload-limit": options.upload_limit_mb * 1e6, "worker-memory": options.worker_memory_mb * 2**20}
         web += [word for name, value in limits.items() for word in (f"--{name}-bytes", str(int(value)))]
         web += ["--host", address.host, "--port", str(address.port), "--parent", str(os.getpid())]

@@ -234,6 +234,8 @@ class Plan:
     candidates: tuple[Candidate, ...] = ()
     books: dict[str, float] = field(default_factory=dict)
     """Metal of the level layers, as `planner.toolpath.books.books_figures` has it; empty where there are none."""
+    stock_file: str = field(default="", compare=False)
+    """Where the given stock's mesh lies for whoever holds the Plan, empty: as the recipe says. Not written with the Plan."""
 
     @property
     def operations(self) -> list[Operation]:

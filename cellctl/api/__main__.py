@@ -19,6 +19,7 @@ from cellctl.api.app import build_service, make_app
 from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Settings
 from cellctl.api.fleet_telling import host_url_of
 from cellctl.api.wire import PatientProtocol
+from cellctl.planning.pool.wire import add_options, wire_of
 from cellctl.planning.worker import end_with
 from cellctl.store import StoreError
 from cellctl.store.owner import only_server
@@ -45,6 +46,7 @@ def arguments(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--behind-proxy", default="", help="address of a proxy whose X-Forwarded-For and -Proto are believed")
     parser.add_argument("--stop-url", default="", help="where pages reach the stop listener, if not on their own host")
     parser.add_argument("--name", action="append", default=[], help="a host that the service is called by")
+    add_options(parser)
     return parser.parse_args(words)
 
 
@@ -63,6 +65,7 @@ async def serve(given: argparse.Namespace) -> None:
         stop_url=given.stop_url,
         names=tuple(given.name),
         host_url=host_url_of("https" if given.tls_cert else "http", given.host, given.port, tuple(given.name)),
+        pool=wire_of(given),
     )
     with only_server(given.store, load_cell(given.cell).name):
         await listen(given, make_app(build_service(settings), given.host))

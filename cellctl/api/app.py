@@ -40,7 +40,7 @@ from cellctl.api import (
 )
 from cellctl.api.cell_link import CellLink
 from cellctl.api.conditional import Conditional
-from cellctl.api.context import Service, Settings, software_version
+from cellctl.api.context import Service, Settings
 from cellctl.api.feed import Feed
 from cellctl.api.fleet_keeper import FleetKeeper
 from cellctl.api.fleet_telling import told_of
@@ -53,6 +53,8 @@ from cellctl.api.webhook_delivery import Deliveries
 from cellctl.domain.messages import Event
 from cellctl.domain.snapshot import Snapshot
 from cellctl.planning.jobwork import JobWork
+from cellctl.planning.keys import software_version
+from cellctl.planning.pool.near import Pool
 from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
@@ -108,7 +110,7 @@ def build_service(settings: Settings) -> Service:
     seat = Seat(standing.cell.name, owner_of(settings.store))
     scratch = settings.store / "scratch"
     scratch.mkdir(exist_ok=True)
-    workers = Workers(scratch, settings.worker_memory_bytes)
+    workers = Workers(scratch, settings.worker_memory_bytes, settings.planning_slots)
     feed = Feed()
     runs: Runs
 
@@ -125,12 +127,17 @@ def build_service(settings: Settings) -> Service:
 
     link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, on_connect)
     runs = Runs(store, link, feed.take_job, standing.cell.by_hand, seat)
-    work = JobWork(store, workers, standing.cell, standing.file, seat)
-    queue = PlanningQueue(store, work, feed.take_job, settings.planning_slots)
+    pool = None
+    if settings.pool is not None:
+        pool = Pool(settings.pool, store.blobs.folder, scratch, software_version())
+    work = JobWork(store, pool or workers, standing.cell, standing.file, seat, changed=feed.take_job)
+    queue = PlanningQueue(store, work, feed.take_job)
+    if pool is not None:
+        pool.changed = queue.wake
     previews = Previews(settings.worker_memory_bytes)
     keeper = FleetKeeper(store, lambda: told_of(settings, standing, link, seat), queue, feed.take_job)
     keeper.take()
-    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper)
+    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper, pool)
 
 
 def make_app(service: Service, bound_host: str, page: Page | None = None) -> FastAPI:
@@ -144,6 +151,8 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         own = (service.link.run(), service.queue.run(), service.runs.run(), service.fleet.run(), service.presence.run(service.store))
         running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), Deliveries(service.store).run())
         tasks = [asyncio.create_task(task) for task in running]
+        if service.pool is not None:
+            tasks.append(asyncio.create_task(service.pool.keep()))
         service.turnstile.warm()
         try:
             yield

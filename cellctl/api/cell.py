@@ -12,7 +12,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
 from cellctl.api.cell_link import CellAbsentError
-from cellctl.api.context import Service, software_version
+from cellctl.api.context import Service
 from cellctl.api.feed import event_document
 from cellctl.api.models import About, CellCommand, CommandAnswer, ControlAsked, EventItem, Events
 from cellctl.api.parts import Cursor, Limit, Since, Until
@@ -22,6 +22,7 @@ from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
 from cellctl.api.table import check_found, check_free, found_of
 from cellctl.domain.jobs import JobState
 from cellctl.domain.messages import Reply
+from cellctl.planning.keys import software_version
 from cellctl.store import history, jobs
 from cellctl.store.pages import cursor_of, seq_of
 from cellctl.tls import pinned_context

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import cast
 
@@ -20,6 +19,8 @@ from cellctl.api.presence import Presence
 from cellctl.api.runs import Runs
 from cellctl.api.security import own_names
 from cellctl.api.turnstile import Turnstile
+from cellctl.planning.pool.near import Pool
+from cellctl.planning.pool.wire import PoolWire
 from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
@@ -36,7 +37,7 @@ WORKER_MEMORY_BYTES = 8 * 2**30
 
 @dataclass(frozen=True)
 class Settings:
-    """Where the web process finds and keeps things, and its limits.
+    """Where the web process finds and keeps things, and its limits. pool : of planning machines; None: tasks are done on this machine
 
     stop_url : where pages reach the stop listener, if that is not on the page's own host; names : hosts that the service is called by
     host_url : where the other hosts of the fleet reach this web process
@@ -54,6 +55,7 @@ class Settings:
     names: tuple[str, ...] = ()
     resumable_limit_bytes: int = RESUMABLE_LIMIT_BYTES
     host_url: str = ""
+    pool: PoolWire | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Service:
     metrics: Metrics
     previews: Previews
     fleet: FleetKeeper
+    pool: Pool | None = None
     deeds: Deeds = field(default_factory=Deeds)
     keeping: Keeping = field(init=False)
 
@@ -113,11 +116,3 @@ class Service:
 def service_of(connection: HTTPConnection) -> Service:
     """The service behind a request or a WebSocket; a FastAPI dependency."""
     return cast(Service, connection.app.state.service)
-
-
-def software_version() -> str:
-    """Version of this software."""
-    try:
-        return version("hybridcell")
-    except PackageNotFoundError:
-        return "0"

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from sqlalchemy import Connection
 
 from cellctl.api.conditional import IfMatch, check_unchanged
-from cellctl.api.context import Service, software_version
+from cellctl.api.context import Service
 from cellctl.api.idempotent import IdempotencyKey, once
 from cellctl.api.models_facts import (
     NAME,
@@ -35,6 +35,7 @@ from cellctl.api.models_facts import (
 from cellctl.api.parts import Cursor, Limit
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Engineer, ServiceOf, Viewer
+from cellctl.planning.keys import software_version
 from cellctl.store import Store, audit, versions
 from cellctl.store.parts import NotFoundError
 from cellctl.store.versions import CellVersion, MaterialVersion

@@ -33,7 +33,7 @@ def host_url_of(scheme: str, host: str, port: int, names: tuple[str, ...]) -> st
 
 def told_of(settings: Settings, standing: StandingCell, link: CellLink, seat: Seat) -> Told:
     """All of it, as things stand. Raises ConfigError for a device map that cannot be read."""
-    from cellctl.api.context import software_version
+    from cellctl.planning.keys import software_version
 
     cell, snapshot = standing.cell, link.fresh
     if seat.cell not in _facts or _facts[seat.cell][0] is not cell:  # read from files: once for each measurement

@@ -11,6 +11,7 @@ from cellctl.cli.audit import audit
 from cellctl.cli.backup import backup, restore
 from cellctl.cli.doctor import doctor
 from cellctl.cli.going_on import go_on
+from cellctl.cli.planning import planner_scheduler, planner_worker
 from cellctl.cli.prove import prove
 from cellctl.cli.record import record
 from cellctl.cli.shop import mtconnect, opcua
@@ -27,6 +28,7 @@ app = typer.Typer(
 COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Service": (tutorial, service.demo, service.serve, service.sim, doctor, audit, backup, restore),
     "Shop": (mtconnect, opcua),
+    "Planning on other machines": (planner_scheduler, planner_worker),
     "Files": (files.plan, files.show, files.post, prove, models.model),
     "Jobs": (
         remote.submit, remote.jobs, remote.watch, remote.approve, remote.cancel, record, go_on, job_life.queue, job_life.table, job_life.rerun,

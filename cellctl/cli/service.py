@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from cellctl.cli import output
-from cellctl.cli.input import DEFAULT_CELL, DEFAULT_RUN, DEFAULT_STORE, CellName, Json, RunFolder, StoreFolder
+from cellctl.cli.input import (
+    DEFAULT_CELL,
+    DEFAULT_RUN,
+    DEFAULT_STORE,
+    CellName,
+    InputFault,
+    Json,
+    RunFolder,
+    StoreFolder,
+)
 
 Port = Annotated[
     int | None,
@@ -58,12 +67,22 @@ def serve(
     ] = "",
     stop_url: Annotated[str, typer.Option("--stop-url", help="Behind a proxy: where pages reach the STOP listener.")] = "",
     name: Annotated[list[str] | None, typer.Option("--name", help="A host name that the service is called by; again for more.")] = None,
+    planning_scheduler: Annotated[
+        str, typer.Option("--planning-scheduler", metavar="ADDRESS", help="Plan on the machines of a pool: its scheduler, as in tls://host:8786.")
+    ] = "",
+    planning_cert: Annotated[Path | None, typer.Option("--planning-cert", help="The service's certificate (PEM) in the pool.")] = None,
+    planning_key: Annotated[Path | None, typer.Option("--planning-key", help="Its key (PEM, without passphrase).")] = None,
+    planning_ca: Annotated[Path | None, typer.Option("--planning-ca", help="Who signed the pool's certificates. Default: the certificate.")] = None,
+    planning_plain: Annotated[
+        bool, typer.Option("--planning-plain", help="A pool without TLS beyond this machine: whoever reaches its scheduler can run code here.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Run the service: the cell process, the web process with the console, and the planning workers."""
     import asyncio
 
     from cellctl.first_start import has_admin
+    from cellctl.planning.pool.wire import PoolWire
     from cellctl.reach import Wire
     from cellctl.supervise import Address, Options, Supervisor
 
@@ -84,7 +103,10 @@ def serve(
         typer.echo(f"cellctl: {text}", err=True)
 
     wire = Wire(tls_cert, tls_key, plain, behind_proxy, stop_url, tuple(name or ()))
-    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb, wire)
+    pool = PoolWire(planning_scheduler, planning_cert, planning_key, planning_ca, planning_plain) if planning_scheduler else None
+    if pool is None and (planning_cert or planning_key or planning_ca or planning_plain):
+        raise InputFault("options of a planning pool are given without its scheduler", "give --planning-scheduler ADDRESS")
+    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb, wire, pool)
     asyncio.run(Supervisor(options, say, ready).run())
 
 

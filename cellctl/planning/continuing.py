@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +38,7 @@ def resume(task: Task, report: Report) -> dict[str, Any]:
     elif point["from"] == "operation":
         place = ResumePoint.of_operation(int(point["operation"]))
     overlap = point.get("overlap_mm")
-    plan = read_plan(Path(task.plan)) if task.plan else None
+    plan = replace(read_plan(Path(task.plan)), stock_file=task.stock) if task.plan else None
     made = make_rest(program, cell, place, overlap_mm=overlap, plan=plan, program_sha256=Path(task.program).name)
     folder = Path(task.folder) / PROGRAM_FOLDER
     write_program(made, folder)

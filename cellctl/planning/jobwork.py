@@ -13,7 +13,8 @@ from typing import Any
 from cellctl.cell.program_form import form_beside
 from cellctl.domain.jobs import JobState
 from cellctl.planning import keys
-from cellctl.planning.process import Workers
+from cellctl.planning.ending import to_its_end
+from cellctl.planning.engine import Engine
 from cellctl.planning.task import (
     PICTURE_FILE,
     PLAN_FILE,
@@ -35,6 +36,7 @@ from config import Cell, ConfigError, load_material
 from planner.recipe import parse_recipe
 
 J = JobState
+WORKED_ON = (J.PLANNING, J.POSTING, J.PROVING)
 Report = Callable[[str, float], None]
 
 
@@ -47,14 +49,16 @@ class JobWork:
     """Work on jobs of one cell. cell_file : where the workers read the same cell; seat : of this service at it
 
     drawings : by job, the folder into which the layers of the plan that is being made are written one by one
+    changed : told a job's id when it waits for something else
     """
 
     store: Store
-    workers: Workers
+    workers: Engine
     cell: Cell
     cell_file: Path
     seat: Seat
     drawings: dict[str, Path] = field(default_factory=dict)
+    changed: Callable[[str], None] = lambda _job: None
 
     async def take_through(self, job: JobRow, report: Report) -> None:
         """From submitted to waiting for approval. Raises WorkerError, WrongJobStateError (cancelled meanwhile), WrongCellError."""
@@ -108,6 +112,39 @@ class JobWork:
         with self.store.read() as connection:
             part = parts.get(connection, stock)
         return str(self.store.blobs.mesh(part.inspection.mesh_sha256)), part.inspection.mesh_sha256
+
+    async def _with_stock(self, job: JobRow) -> dict[str, str]:
+        """The mesh of the raw stock as a field of a task, if there is one."""
+        stock, _ = await asyncio.to_thread(self._stock, job)
+        return {"stock": stock} if stock else {}
+
+    async def _run(self, job: JobRow, task: Task, report: Report) -> dict[str, Any]:
+        """The engine's summary of a task; what the task waits for stands in the job until it goes on."""
+        told = asyncio.Queue[str | None]()
+        writing = asyncio.create_task(self._write_waits(job, told))
+        try:
+            return await self.workers.run(task, report, told.put_nowait)
+        finally:
+            told.put_nowait(None)
+            await to_its_end(writing)
+
+    async def _write_waits(self, job: JobRow, told: asyncio.Queue[str | None]) -> None:
+        """Write down why a job waits, in order; at the end nothing of it stays."""
+        written = ""
+
+        def write(why: str) -> None:
+            with self.store.write() as connection:
+                row = jobs.get(connection, job.id)
+                if row.state in WORKED_ON and row.cell == self.seat.cell:
+                    jobs.change(connection, job.id, why=why)
+
+        while (why := await told.get()) is not None:
+            if why != written:
+                written = why
+                await asyncio.to_thread(write, why)
+                self.changed(job.id)
+        if written:
+            await asyncio.to_thread(write, "")
 
     async def _make(self, kind: made.Kind, key: str, path_of: Callable[[str], Path], make: Callable[[], Any]) -> Made:
         """What was made for the key and is still there, or what `make` makes now."""
@@ -170,7 +207,7 @@ class JobWork:
                 task = self._task(part, folder, "plan", recipe_toml=job.recipe_toml, stock=stock, **self._material(job))
                 self.drawings[job.id] = folder / VIEW_FOLDER
                 try:
-                    summary = await self.workers.run(task, report)
+                    summary = await self._run(job, task, report)
                     return await asyncio.to_thread(self._keep_plan, folder, summary)
                 finally:
                     del self.drawings[job.id]
@@ -180,8 +217,9 @@ class JobWork:
     async def _post(self, job: JobRow, part: PartRow, planned: Made, report: Report) -> Made:
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
-                task = self._task(part, folder, "post", plan=str(self.store.blobs.plan(planned.sha256)), **self._material(job))
-                summary = await self.workers.run(task, report)
+                plan = str(self.store.blobs.plan(planned.sha256))
+                task = self._task(part, folder, "post", plan=plan, **await self._with_stock(job), **self._material(job))
+                summary = await self._run(job, task, report)
                 return await asyncio.to_thread(self._keep_program, folder / PROGRAM_FOLDER, summary)
 
         key = keys.program_key(planned.sha256, self.cell, await asyncio.to_thread(self._pin, job))
@@ -208,7 +246,8 @@ class JobWork:
         async def make() -> Made:
             with self.store.blobs.staging() as folder:
                 files = {"program": str(self.store.blobs.program(program)), "plan": str(self.store.blobs.plan(plan))}
-                summary = await self.workers.run(self._task(part, folder, "resume", point=point, **files, **self._material(job)), report)
+                task = self._task(part, folder, "resume", point=point, **files, **await self._with_stock(job), **self._material(job))
+                summary = await self._run(job, task, report)
                 return await asyncio.to_thread(self._keep_program, folder / PROGRAM_FOLDER, summary)
 
         key = keys.resumption_key(program, plan, self.cell, point, await asyncio.to_thread(self._pin, job))
@@ -224,7 +263,7 @@ class JobWork:
                 checkpoints = str(self.store.blobs.checkpoints)
                 files = {"program": program, "stock": stock, "checkpoints": checkpoints}
                 task = self._task(part, folder, "prove", links=links, **files, **self._material(job))
-                document = await self.workers.run(task, report)
+                document = await self._run(job, task, report)
                 return await asyncio.to_thread(self._keep_proof, folder, document)
 
         told = [f"{Path(link.program).name} {link.line} {link.fraction!r}" for link in links]

@@ -17,6 +17,16 @@ ROOT = Path(config.__file__).resolve().parent.parent
 PACKAGES = ("planner", "sim", "config")
 
 
+def software_version() -> str:
+    """Version of this software, in words."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("hybridcell")
+    except PackageNotFoundError:
+        return "0"
+
+
 @cache
 def software() -> str:
     """Hash (hex) of the code that plans and proves, and of the Python and NumPy that run it."""

@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -16,7 +15,9 @@ import msgspec
 import structlog
 
 from cellctl.planning.ending import kill, to_its_end
-from cellctl.planning.task import Done, Failed, Progress, Report, Task
+from cellctl.planning.engine import Progress, Waits, unheard
+from cellctl.planning.task import Done, Failed, Report, Task
+from cellctl.planning.task import Progress as ProgressReport
 
 LINE_LIMIT = 64 << 20  # bytes of one report; findings of a bad mesh can be many
 STDERR_TAIL = 2000
@@ -24,22 +25,25 @@ log = structlog.get_logger(__name__)
 
 
 class WorkerError(Exception):
-    """A task that was not done: {title, detail, hint}; bad_input says whether the input is at fault."""
+    """A task that was not done. failed : title, detail, hint   is_lost : its process ended without a word   log : the last lines of its stderr"""
 
-    def __init__(self, failed: Failed) -> None:
+    def __init__(self, failed: Failed, is_lost: bool = False, log: str = "") -> None:
         super().__init__(failed.detail)
         self.failed = failed
+        self.is_lost = is_lost
+        self.log = log
 
 
 @dataclass(frozen=True)
 class Workers:
-    """How workers are started. folder : for task files and logs; memory_bytes : cap of each"""
+    """The engine of one machine. folder : for task files and logs; memory_bytes : cap of each process; places : how many tasks it is asked for"""
 
     folder: Path
     memory_bytes: int
+    places: int = 1
 
-    async def run(self, task: Task, progress: Callable[[str, float], None]) -> dict[str, Any]:
-        """Carry a task out in a process of its own; its summary. Raises WorkerError; a cancelled call kills the process."""
+    async def run(self, task: Task, progress: Progress, waits: Waits = unheard) -> dict[str, Any]:
+        """Carry a task out in a process of its own, at once; its summary. Raises WorkerError; a cancelled call kills the process."""
         task = replace_limits(task, os.getpid(), self.memory_bytes)
         with tempfile.TemporaryDirectory(dir=self.folder) as scratch, tempfile.TemporaryFile(dir=self.folder) as stderr:
             path = Path(scratch) / "task.json"
@@ -54,13 +58,14 @@ class Workers:
             tail = _tail(stderr)
         if isinstance(end, Done):
             return end.summary
+        is_lost = end is None
         if end is None:
             end = Failed(
                 "The worker ended", f"the worker of this {task.kind} {_cause_of_death(code)}", "ask for it again", 503
             )
         if tail:
             log.warning("worker failed", kind=task.kind, part=task.part_name, detail=end.detail, stderr=tail)
-        raise WorkerError(end)
+        raise WorkerError(end, is_lost, tail)
 
 
 def replace_limits(task: Task, parent: int, memory_bytes: int) -> Task:
@@ -87,14 +92,14 @@ async def _started(command: list[str], stderr: IO[bytes]) -> asyncio.subprocess.
         raise
 
 
-async def _follow(process: asyncio.subprocess.Process, progress: Callable[[str, float], None]) -> Done | Failed | None:
+async def _follow(process: asyncio.subprocess.Process, progress: Progress) -> Done | Failed | None:
     """Read reports until the worker closes its line; its last word, None if it left without one."""
     end: Done | Failed | None = None
     if process.stdout is None:
         return None
     async for line in process.stdout:
         report = msgspec.json.decode(line, type=Report)
-        if isinstance(report, Progress):
+        if isinstance(report, ProgressReport):
             progress(report.stage, report.fraction)
         else:
             end = report

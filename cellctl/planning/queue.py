@@ -1,4 +1,4 @@
-"""Takes submitted jobs through plan, post and proof, in the order of their queue, one at a time unless told otherwise."""
+"""Takes submitted jobs through plan, post and proof, in the order of their queue, as many at once as its engine has places."""
 
 from __future__ import annotations
 
@@ -39,11 +39,10 @@ class PlanningQueue:
     changed : told the job's id after every change. Only jobs of the work's own cell are looked at.
     """
 
-    def __init__(self, store: Store, work: JobWork, changed: Callable[[str], None], slots: int = 1) -> None:
+    def __init__(self, store: Store, work: JobWork, changed: Callable[[str], None]) -> None:
         self._store = store
         self._work = work
         self._changed = changed
-        self._slots = slots
         self._wake = asyncio.Event()
         self._running: dict[str, asyncio.Task[None]] = {}
         self.progress: dict[str, StageProgress] = {}
@@ -102,7 +101,7 @@ class PlanningQueue:
     async def _start_what_fits(self) -> None:
         waiting = await asyncio.to_thread(self._waiting)
         for job in waiting:
-            if len(self._running) >= self._slots:
+            if len(self._running) >= self._work.workers.places:
                 return
             if job.id not in self._running:
                 task = asyncio.create_task(self._take_through(job), name=f"job {job.id}")
@@ -111,7 +110,7 @@ class PlanningQueue:
 
     def _waiting(self) -> list[JobRow]:
         with self._store.read() as connection:
-            return jobs.first_in(connection, J.SUBMITTED, self._slots + len(self._running), self._work.seat.cell)
+            return jobs.first_in(connection, J.SUBMITTED, self._work.workers.places + len(self._running), self._work.seat.cell)
 
     def _finished(self, job_id: str, _task: asyncio.Task[None]) -> None:
         self._running.pop(job_id, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -128,6 +129,8 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
     from planner.files import write_plan
     from planner.mesh import load_checked
     from planner.pipeline import plan as make_plan
+    from planner.pipeline import recipe_text
+    from planner.recipe import parse_recipe
 
     loaded = load_checked(Path(task.mesh), task.units)
     recipe = recipe_of(task)
@@ -146,6 +149,7 @@ def plan(task: Task, report: Report) -> dict[str, Any]:
     )
     if task.cell:
         check_room(made, task.cell)
+    made = replace(made, recipe_toml=recipe_text(parse_recipe(task.recipe_toml)))  # the stock by its name: its file lies elsewhere on other machines
     write_plan(made, Path(task.folder) / PLAN_FILE)
     write_overview(made, views)
     return {"layers": len(made.layers), "findings": list(made.findings), "volumes_mm3": dict(made.volumes_mm3)}
@@ -161,7 +165,8 @@ def post(task: Task, report: Report) -> dict[str, Any]:
 
     report("posting", 0.0)
     cell = load_cell(task.cell)
-    made = make_program(read_plan(Path(task.plan)), cell, dialect=cell.cnc.firmware)
+    planned = replace(read_plan(Path(task.plan)), stock_file=task.stock)
+    made = make_program(planned, cell, dialect=cell.cnc.firmware)
     folder = Path(task.folder) / PROGRAM_FOLDER
     write_program(made, folder)
     write_track(made, track_beside(folder))

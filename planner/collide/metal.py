@@ -67,7 +67,7 @@ def stock_points(plan: Plan, recipe: Recipe) -> Floats:
     if plan.process != "mill":
         return np.empty((0, 3))
     if recipe.stock is not None:
-        return surface_points(load(recipe.stock).transformed(plan.build_from_part), _PITCH_MM)
+        return surface_points(load(plan.stock_file or recipe.stock).transformed(plan.build_from_part), _PITCH_MM)
     allowance = block_allowance_mm(recipe) or 0.0
     low, high = np.array(plan.bounds, dtype=np.float64)
     low, high = low - [allowance, allowance, 0.0], high + allowance
