@@ -282,8 +282,9 @@ class Cell(Facts):
 
     @property
     def twin_sha256(self) -> str:
-        """Hash (hex) of what a Proof depends on: the simulation, the plate, the machine's shape and its files, tools and the verdict's limits."""
-        return self._with_files(self.model_dump_json(include={"simulation", "plate", "machine", "proof", "tools"}))
+        """Hash (hex) of what a Proof depends on: the simulation, the plate, the machine's shape, tools and the verdict's limits; STL files as above."""
+        paths = {"machine": {"solids": {"__all__": {"file"}}}}
+        return self._with_files(self.model_dump_json(include={"simulation", "plate", "machine", "proof", "tools"}, exclude=paths))
 
     def _with_files(self, text: str) -> str:
         digest = hashlib.sha256(text.encode())
