@@ -34,7 +34,7 @@ TABLE: dict[tuple[str, str], tuple[str, int, int]] = {
     ("config.base", "ConfigError"): ("The facts file cannot be used", 422, 2),
     ("sim.errors", "SimError"): ("The simulated cell cannot do this", 422, 2),
     ("drivers.errors", "DriverError"): ("A device of the cell cannot be used", 503, 1),
-    ("cellctl.store.engine", "StoreError"): ("The store cannot be used", 503, 2),
+    ("cellctl.store.errors", "StoreError"): ("The store cannot be used", 503, 2),
     ("cellctl.passwords", "PasswordError"): ("The password will not do", 422, 2),
     ("cellctl.store.users", "UserNameError"): ("The name cannot be used", 422, 2),
     ("cellctl.store.users", "LastAdminError"): ("The last admin", 409, 2),

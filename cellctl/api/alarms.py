@@ -57,7 +57,7 @@ def list_alarms(
 ) -> Alarms:
     """What was latched, by incident (what lies between two resets), newest first: first cause, what followed, who saw and who reset it."""
     before = seq_of(cursor) if cursor is not None else None
-    with service.store.read() as rows:
+    with service.store.read_cell() as rows:
         found = alarms.incidents(rows, before, limit + 1, code, job, from_, to)
         names = _names(rows, found[:limit])
     items = [_item(one, service.store.clock(), names) for one in found[:limit]]
@@ -67,7 +67,7 @@ def list_alarms(
 @router.get("/{ident}")
 def get_alarm(_person: Viewer, service: ServiceOf, ident: AlarmId) -> AlarmItem:
     """One incident, by its id or by the number of any of its alarms."""
-    with service.store.read() as rows:
+    with service.store.read_cell() as rows:
         found = alarms.incident(rows, ident)
         return _item(found, service.store.clock(), _names(rows, [found]))
 
@@ -77,7 +77,7 @@ async def acknowledge(person: Operator, service: ServiceOf, ident: AlarmId, body
     """Say that the alarms of an incident were seen: shown at every console. It resets nothing, needs no control, and is harmless twice."""
 
     def read() -> Incident:
-        with service.store.read() as rows:
+        with service.store.read_cell() as rows:
             return alarms.incident(rows, ident)
 
     found = await asyncio.to_thread(read)

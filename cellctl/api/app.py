@@ -149,7 +149,8 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         service.store.blobs.clear_staging()
         keeper = TrendKeeper(service.store)
         own = (service.link.run(), service.queue.run(), service.runs.run(), service.fleet.run(), service.presence.run(service.store))
-        running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), Deliveries(service.store).run())
+        letters = Deliveries(service.store, service.cell.name)
+        running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), letters.run())
         tasks = [asyncio.create_task(task) for task in running]
         if service.pool is not None:
             tasks.append(asyncio.create_task(service.pool.keep()))

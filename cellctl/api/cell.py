@@ -86,7 +86,7 @@ def list_events(
 ) -> Events:
     """Events, newest first; those that all given filters let through."""
     before = seq_of(cursor) if cursor is not None else None
-    with service.store.read() as rows:
+    with service.store.read_cell() as rows:
         found = history.events_before(rows, before, limit + 1, job, kind, since, until)
     items = [EventItem.model_validate(event_document(event)) for event in found[:limit]]
     return Events(items=items, next=cursor_of(items[-1].seq) if len(found) > limit else None)

@@ -40,7 +40,7 @@ async def _asked(service: Service, ask: Ask, of: str = "") -> dict[str, Any]:
 async def _made(service: Service, kind: Any, source: Path, target: Path) -> Path:
     """A file that the preview process makes once of another. Raises ApiError."""
     if not target.is_file():
-        handle, scratch = tempfile.mkstemp(dir=service.store.blobs.folder / "staging")
+        handle, scratch = tempfile.mkstemp(dir=service.store.blobs.unfinished)
         os.close(handle)
         try:
             await _asked(service, Ask(kind=kind, file=str(source), target=scratch))

@@ -169,7 +169,9 @@ async def retry(person: Operator, service: ServiceOf, job_id: str, body: Again, 
     def make(rows: Connection, job: JobRow, now: float) -> JobRow:
         if job.state is not J.FAILED:
             raise ApiError(409, "Not in this state", f"{job.name} is {job.state.value}, it has not failed", "only a failed job is tried again")
-        if history.run_of(rows, job.id) is not None:
+        with service.store.read_cell() as cell_rows:
+            has_run = history.run_of(cell_rows, job.id) is not None
+        if has_run:
             raise ApiError(
                 409, "It failed on the cell", f"{job.name} was run on the cell: its part stands as it was left",
                 "go on with its part, or clear the table and run the job again",

@@ -50,8 +50,8 @@ class Ended(Exception):
 
 def newest(service: Service) -> tuple[int, int]:
     """Numbers of the newest event and of the newest change to a job."""
-    with service.store.read() as rows:
-        return history.last_seq(rows), changes.last_change(rows)
+    with service.store.read() as rows, service.store.read_cell() as cell_rows:
+        return history.last_seq(cell_rows), changes.last_change(rows)
 
 
 class Postman:
@@ -114,7 +114,7 @@ class Postman:
         """The events of the store that follow, up to that number."""
 
         def page() -> list[Event]:
-            with self._service.store.read() as rows:
+            with self._service.store.read_cell() as rows:
                 return history.events_after(rows, self._seq, REPLAY_PAGE)
 
         while events := await asyncio.to_thread(page):

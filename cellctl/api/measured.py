@@ -46,7 +46,7 @@ async def get_measured(_person: Viewer, service: ServiceOf) -> MeasuredState:
     """Placement as it stands, and the versions of what was measured, newest first."""
 
     def read() -> list[measured.Version]:
-        with service.store.read() as rows:
+        with service.store.read_cell() as rows:
             return measured.versions(rows, service.cell.name, VERSIONS)
 
     found = await asyncio.to_thread(read)
@@ -143,7 +143,7 @@ def _with(service: Service, body: TouchOff, found: Found) -> Measured:
 
 
 def _stands(service: Service) -> Measured:
-    with service.store.read() as rows:
+    with service.store.read_cell() as rows:
         newest = measured.newest(rows, service.cell.name)
     return newest.document if newest is not None else Measured()
 

@@ -61,8 +61,8 @@ def _sealed(store: Store, job_id: str) -> Path | None:
 
 
 def _now(store: Store, job_id: str) -> dict[str, Any]:
-    with store.read() as rows:
-        return record_of(rows, job_id)
+    with store.read() as rows, store.read_cell() as cell_rows:
+        return record_of(rows, cell_rows, job_id)
 
 
 def _headers(name: str) -> dict[str, str]:

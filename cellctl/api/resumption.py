@@ -55,8 +55,8 @@ class ProgramHead(BaseModel):
 @router.get("/resumption-point")
 def get_point(_person: Viewer, service: ServiceOf, job_id: str) -> ResumptionPoint:
     """Where metal ended in a job that was interrupted, how that is known, and what one may go on from."""
-    with service.store.read() as rows:
-        return resumption_point(service.store, rows, jobs.get(rows, job_id))
+    with service.store.read() as rows, service.store.read_cell() as cell_rows:
+        return resumption_point(service.store, rows, cell_rows, jobs.get(rows, job_id))
 
 
 @router.post("/resume", status_code=202, response_model=Job)
@@ -74,13 +74,13 @@ def _resume(service: Service, person: Person, job_id: str, body: Resumption, key
     """(the answer, whether the job is new). Raises ApiError, NotFoundError, KeyReusedError."""
     digest = idempotency.request_digest("resume", job_id, body.model_dump())
     now = service.store.clock()
-    with service.store.write() as rows:
+    with service.store.write() as rows, service.store.read_cell() as cell_rows:
         earlier = idempotency.answered(rows, person.name, key, digest)
         if earlier is not None:
             return earlier, False
         before = jobs.get(rows, job_id)
-        why = why_none(rows, before)
-        end = metal_end(service.store, rows, before) if not why else None
+        why = why_none(rows, cell_rows, before)
+        end = metal_end(service.store, cell_rows, before) if not why else None
         if why or end is None:
             raise ApiError(409, "It cannot go on", why or f"every line of {before.name} was executed", "see the job's resumption-point")
         _check_choice(service, before, body)

@@ -95,13 +95,15 @@ class Runs:
                 self._changed(job_id)
 
     def _follow_all(self, snapshot: Snapshot | None) -> list[str]:
+        with self._store.read_cell() as cell_rows:
+            recent = history.recent_runs(cell_rows)
         with self._store.read() as connection:
-            pending = [
-                (job, history.run_of(connection, job.id))
-                for job in jobs.on_or_near_cell(connection, self._seat.cell)
-            ]
+            near = jobs.on_or_near_cell(connection, recent, self._seat.cell)
+        with self._store.read_cell() as cell_rows:
+            runs = history.runs_of(cell_rows, [job.id for job in near])
         changed = []
-        for job, run in pending:
+        for job in near:
+            run = runs.get(job.id)
             try:
                 is_changed = self._follow_one(job, run, snapshot) if run is not None else self._let_go(job, snapshot)
             except WrongCellError as error:
@@ -109,6 +111,8 @@ class Runs:
                 continue
             if is_changed:
                 changed.append(job.id)
+        if not changed:
+            return []
         with self._store.read() as connection:  # what those wait for that wait for these has changed with them
             return changed + [other for job_id in changed for other in dependencies.dependents_of(connection, job_id)]
 
@@ -125,9 +129,12 @@ class Runs:
                 "detail": why or "see the events of the job",
                 "hint": "look at the record",
             }
+        end = None
+        if steps and run.outcome:
+            with self._store.read_cell() as cell_rows:
+                end = lineage.end_of(cell_rows, job.id)
         with self._store.write() as connection:
             if steps:
-                end = lineage.end_of(connection, job.id) if run.outcome else None
                 at, reason = run.ended_at or self._store.clock(), end.text if end else ""
                 jobs.move(connection, job.id, *steps, at=at, reason=reason, seat=self._seat, **changes)
             else:
@@ -164,13 +171,17 @@ class Runs:
                 log.warning("start refused", job=job.id, error=error.message)
 
     def _queued(self) -> list[tuple[JobRow, str, Lying]]:
-        """Jobs for whose table somebody vouches, in order; what other jobs and the clock have against each; and what lies on its table."""
+        """Jobs for whose table somebody vouches and that the cell has not run, in order; what other jobs and the clock have against each;
+        and what lies on its table."""
         now = self._store.clock()
         with self._store.read() as connection:
-            return [
+            confirmed = [
                 (job, why_not_yet(connection, job, now), cell_table.lying_on(connection, job.cell))
                 for job in jobs.confirmed(connection, self._seat.cell)
             ]
+        with self._store.read_cell() as cell_rows:  # later than the jobs: what was started meanwhile is among the runs
+            ran = history.runs_of(cell_rows, [job.id for job, _, _ in confirmed])
+        return [one for one in confirmed if one[0].id not in ran]
 
     def _why_confirmed_no_more(self, job: JobRow, lying: Lying) -> str:
         """Why a confirmation of the table, or of the part on it, counts no more; empty while it does."""
@@ -297,8 +308,8 @@ class Runs:
         """Raises StartRefusedError if the part that the job goes on with was taken off since."""
 
         def look() -> str:
-            with self._store.read() as connection:
-                return lineage.why_part_is_gone(connection, job)
+            with self._store.read() as connection, self._store.read_cell() as cell_rows:
+                return lineage.why_part_is_gone(connection, cell_rows, job)
 
         why = await asyncio.to_thread(look)
         if why:

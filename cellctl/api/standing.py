@@ -102,39 +102,39 @@ def operations_of(store: Store, job: JobRow) -> list[Choice]:
     return found
 
 
-def why_none(rows: Connection, job: JobRow) -> str:
+def why_none(rows: Connection, cell_rows: Connection, job: JobRow) -> str:
     """Why nobody can go on with a job, in one line; empty if one can."""
     if job.state not in INTERRUPTED:
         return f"{job.name} is {job.state.value}: only a job that was interrupted, aborted or has failed on the cell is gone on with"
-    if history.run_of(rows, job.id) is None:
+    if history.run_of(cell_rows, job.id) is None:
         return f"{job.name} never ran: there is no part of it on the table"
     for later in lineage.continued_by(rows, job.id):
         if later.state not in ENDED:
             return f"{later.name} ({later.id}) goes on with it already: it is {later.state.value}"
-        if history.run_of(rows, later.id) is not None:
+        if history.run_of(cell_rows, later.id) is not None:
             return f"{later.name} ({later.id}) went on with it: {_then(later)}"
-    return lineage.why_part_is_gone(rows, job)
+    return lineage.why_part_is_gone(rows, cell_rows, job)
 
 
 def _then(later: JobRow) -> str:
     return "the part is done" if later.state is J.COMPLETED else "go on with that job"
 
 
-def notes_of(rows: Connection, job: JobRow) -> list[str]:
+def notes_of(rows: Connection, cell_rows: Connection, job: JobRow) -> list[str]:
     """What was on the cell since, for a person to look at."""
-    run = history.run_of(rows, job.id)
+    run = history.run_of(cell_rows, job.id)
     if run is None:
         return []
     own = [one.id for one in lineage.chain_of(rows, job)]
     return [
         f"{one.name} ({one.job}) was on the cell since ({one.outcome or 'running'}): see that the part of this job still stands in its place"
-        for one in lineage.ran_since(rows, run, own)
+        for one in lineage.ran_since(cell_rows, run, own)
     ]
 
 
-def metal_end(store: Store, rows: Connection, job: JobRow) -> MetalEnd | None:
+def metal_end(store: Store, cell_rows: Connection, job: JobRow) -> MetalEnd | None:
     """Where metal ended in a job that ran; None if all of it was run. Raises ApiError."""
-    run, end = history.run_of(rows, job.id), lineage.end_of(rows, job.id)
+    run, end = history.run_of(cell_rows, job.id), lineage.end_of(cell_rows, job.id)
     data: dict[str, Any] = dict(end.data) if end is not None else {}
     if run is not None:
         data.setdefault("last_line", run.last_line)
@@ -171,12 +171,12 @@ def _in_words(job: JobRow, end: MetalEnd, place: tuple[int, int, int], process: 
     return f"{where} (in the program: {named}{100 * end.fraction:.0f} % of line N{end.line + 1})"
 
 
-def resumption_point(store: Store, rows: Connection, job: JobRow) -> ResumptionPoint:
+def resumption_point(store: Store, rows: Connection, cell_rows: Connection, job: JobRow) -> ResumptionPoint:
     """All that is known of going on with a job. Raises ApiError."""
-    why = why_none(rows, job)
-    run = history.run_of(rows, job.id)
+    why = why_none(rows, cell_rows, job)
+    run = history.run_of(cell_rows, job.id)
     ran = run is not None and job.state in INTERRUPTED
-    end = metal_end(store, rows, job) if ran else None
+    end = metal_end(store, cell_rows, job) if ran else None
     if ran and end is None and not why:
         why = f"every line of {job.name} was executed: nothing is left"
     return ResumptionPoint(
@@ -188,7 +188,7 @@ def resumption_point(store: Store, rows: Connection, job: JobRow) -> ResumptionP
         lines_total=job.lines_total,
         layers=job.layers,
         choices=operations_of(store, job),
-        notes=notes_of(rows, job) if ran else [],
+        notes=notes_of(rows, cell_rows, job) if ran else [],
         continues_job=job.continues_job,
         continued_by=[one.id for one in lineage.continued_by(rows, job.id)],
     )

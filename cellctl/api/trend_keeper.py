@@ -39,11 +39,11 @@ class TrendKeeper:
     def step(self) -> int:
         """Take one batch; how many samples it had."""
         if self._upto is None:
-            with self._store.read() as rows:
+            with self._store.read_cell() as rows:
                 self._upto = trend_levels.upto(rows)
         if not self._is_news():
             return 0
-        with self._store.write() as rows:
+        with self._store.write_cell() as rows:
             upto, taken = trend_levels.advance(rows, self._upto)
             now = self._store.clock()
             if now - self._forgot_at > FORGET_S:
@@ -53,5 +53,5 @@ class TrendKeeper:
         return taken
 
     def _is_news(self) -> bool:
-        with self._store.read() as rows:
+        with self._store.read_cell() as rows:
             return trend_levels.newest(rows) > (self._upto or 0)

@@ -126,7 +126,7 @@ async def trends(
     media_type = next((kind for kind in (ARROW, CSV) if kind in accept), "application/json")
 
     def answer() -> bytes:
-        with service.store.read() as rows:
+        with service.store.read_cell() as rows:
             found = trend(rows, from_at, to_at, points, names)
         return _arrow(found) if media_type == ARROW else _csv(found) if media_type == CSV else _document(found, from_at, to_at)
 
@@ -146,7 +146,7 @@ def marks(
     """Alarms, holds, resets, begins and ends of jobs and of layers: the marks on the axis of time, in order."""
     now = service.store.clock()
     from_at, to_at = (from_ or 0.0, now + 1.0 if to is None else to) if job else _span(from_, to, now)
-    with service.store.read() as rows:
+    with service.store.read_cell() as rows:
         found = store_marks.marks(rows, from_at, to_at, MARKS_MAX + 1, job, layers)
     items = [
         Mark(

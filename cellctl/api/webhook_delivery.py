@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 import httpx
 import structlog
 
+from cellctl.domain.trouble import trouble_of
 from cellctl.store import Store, webhooks
 from cellctl.store.webhooks import SECRET_PREFIX, Hook, Letter
 
@@ -27,6 +28,7 @@ ANSWER_S = 5.0  # a receiver that has not answered within this refuses
 FIRST_WAIT_S, LAST_WAIT_S = 2.0, 600.0  # between tries, twice as long each time
 GIVEN_UP_S = 3 * 86400.0  # of refusals and nothing else: it is paused, and goes on from there when somebody resumes it
 AT_ONCE = 50  # letters read from the store
+HELD_S = 30.0  # a host that takes no letter further for so long has died: another one tells the receiver
 GONE = 410  # a receiver's word for: tell me nothing more
 log = structlog.get_logger(__name__)
 
@@ -44,10 +46,11 @@ def body_of(letter: Letter) -> bytes:
 
 
 class Deliveries:
-    """Call `run` as one task. transport : how receivers are reached, for tests"""
+    """Call `run` as one task. cell : whose events are told; transport : how receivers are reached, for tests"""
 
-    def __init__(self, store: Store, transport: Callable[[], httpx.AsyncBaseTransport | None] = lambda: None) -> None:
+    def __init__(self, store: Store, cell: str = "", transport: Callable[[], httpx.AsyncBaseTransport | None] = lambda: None) -> None:
         self._store = store
+        self._cell = cell if store.is_shared else ""
         self._transport = transport
         self._under_way: dict[str, asyncio.Task[None]] = {}
 
@@ -90,41 +93,70 @@ class Deliveries:
             return [hook for hook in webhooks.every(rows) if not hook.paused and hook.next_at <= now]
 
     async def _tell(self, client: httpx.AsyncClient, hook: Hook) -> None:
-        """One receiver's letters in order, until it has them all or refuses one."""
+        """One receiver's letters in order, until it has them all or refuses one; where hosts share, while no other one tells it."""
         try:
-            while True:
-                letters, secret = await asyncio.to_thread(self._letters, hook)
-                if not letters:
-                    return
-                place: dict[str, int] = {}
-                for letter in letters:
-                    reached = {**place, **({"step_seq": letter.step_seq} if letter.step_seq else {"event_seq": letter.event_seq})}
-                    if hook.wants(letter.topic):
-                        refusal, is_gone = await send(client, hook.url, secret, letter, self._store.clock())
-                        if refusal:
-                            await asyncio.to_thread(self._refused, hook, refusal, is_gone)
-                            return
-                        await asyncio.to_thread(self._taken, hook, reached)
-                    place = reached
-                hook = await asyncio.to_thread(self._passed, hook, place)
-        except Exception:
-            log.exception("webhook", hook=hook.id)
+            if not self._store.is_shared:
+                await self._tell_all(client, hook)
+                return
+            has_news = bool((await asyncio.to_thread(self._letters, hook))[0])
+            taken = await asyncio.to_thread(self._take, hook) if has_news else None
+            if taken is not None and await self._tell_all(client, taken):
+                await asyncio.to_thread(self._passed, taken, {}, 0.0)
+        except Exception as error:
+            if trouble_of(error) is None:
+                log.exception("webhook", hook=hook.id)
+
+    async def _tell_all(self, client: httpx.AsyncClient, hook: Hook) -> bool:
+        """Whether it has them all, and refused none."""
+        while True:
+            letters, secret = await asyncio.to_thread(self._letters, hook)
+            if not letters:
+                return True
+            place: dict[str, int] = {}
+            for letter in letters:
+                reached = {**place, **({"step_seq": letter.step_seq} if letter.step_seq else {"event_seq": letter.event_seq})}
+                if hook.wants(letter.topic):
+                    refusal, is_gone = await send(client, hook.url, secret, letter, self._store.clock())
+                    if refusal:
+                        await asyncio.to_thread(self._refused, hook, refusal, is_gone)
+                        return False
+                    await asyncio.to_thread(self._taken, hook, reached)
+                place = reached
+            hook = await asyncio.to_thread(self._passed, hook, place, self._held_until())
+
+    def _held_until(self) -> float:
+        """Until when no other host tells this receiver; 0 where there is none."""
+        return self._store.clock() + HELD_S if self._store.is_shared else 0.0
+
+    def _take(self, hook: Hook) -> Hook | None:
+        with self._store.write() as rows:
+            return webhooks.take(rows, hook.id, self._store.clock(), self._held_until())
 
     def _letters(self, hook: Hook) -> tuple[list[Letter], str]:
-        with self._store.read() as rows:
-            return webhooks.letters(rows, hook, AT_ONCE), webhooks.secret_of(rows, hook.id)
+        with self._store.read() as rows, self._store.read_cell() as cell_rows:
+            place = webhooks.event_place(cell_rows, hook, self._store.is_shared)
+            return webhooks.letters(rows, cell_rows, hook, place, AT_ONCE, self._cell), webhooks.secret_of(rows, hook.id)
 
-    def _passed(self, hook: Hook, place: dict[str, int]) -> Hook:
+    def _keep_place(self, hook: Hook, place: dict[str, int]) -> dict[str, int]:
+        """Write down how far it was told of this host's events; what is left is for the shared tables."""
+        if "event_seq" in place:
+            with self._store.write_cell() as cell_rows:
+                webhooks.set_event_place(cell_rows, hook.id, place["event_seq"])
+        return {name: seq for name, seq in place.items() if name != "event_seq"}
+
+    def _passed(self, hook: Hook, place: dict[str, int], next_at: float) -> Hook:
         """Nothing up to here is to be told to it any more; how it stands."""
+        steps = self._keep_place(hook, place)
         with self._store.write() as rows:
-            webhooks.change(rows, hook.id, **place)
+            webhooks.change(rows, hook.id, **steps, next_at=next_at)
             return webhooks.get(rows, hook.id)
 
     def _taken(self, hook: Hook, place: dict[str, int]) -> None:
         """Durable before the next letter is sent: after a kill at most this one is told again."""
-        told = {"delivered_at": self._store.clock(), "failing_since": None, "failures": 0, "next_at": 0.0, "last_error": ""}
+        steps = self._keep_place(hook, place)
+        told = {"delivered_at": self._store.clock(), "failing_since": None, "failures": 0, "next_at": self._held_until(), "last_error": ""}
         with self._store.write() as rows:
-            webhooks.change(rows, hook.id, **place, **told)
+            webhooks.change(rows, hook.id, **steps, **told)
 
     def _refused(self, hook: Hook, refusal: str, is_gone: bool) -> None:
         now = self._store.clock()

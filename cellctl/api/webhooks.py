@@ -16,7 +16,7 @@ from cellctl.api.models import Strict
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Admin, Person, ServiceOf
 from cellctl.api.webhook_delivery import ANSWER_S, send
-from cellctl.store import audit, webhooks
+from cellctl.store import audit, history, webhooks
 from cellctl.store.webhooks import TOPICS, Hook, Letter
 
 router = APIRouter(prefix="/api/v1/webhooks", tags=["webhooks"], responses=DOCUMENTED)
@@ -105,7 +105,9 @@ def add_webhook(person: Admin, service: ServiceOf, body: NewWebhook, idempotency
         if len(webhooks.every(rows)) >= HOOKS_MAX:
             raise ApiError(409, "Too many webhooks", f"there are {HOOKS_MAX} already", "remove one that nobody needs")
         now = service.store.clock()
-        hook, secret = webhooks.create(rows, body.url, topics, now, person.name)
+        with service.store.read_cell() as cell_rows:
+            newest = history.last_seq(cell_rows)
+        hook, secret = webhooks.create(rows, body.url, topics, now, person.name, newest)
         audit.add(rows, _note(person, "add webhook", hook), now, "ok")
         told.append(secret)
         return _document(hook).model_dump()

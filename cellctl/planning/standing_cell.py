@@ -27,7 +27,7 @@ class StandingCell:
 
     def read(self) -> Measured:
         """Take the newest version of what was measured over. Raises ConfigError."""
-        with self._store.read() as rows:
+        with self._store.read_cell() as rows:
             newest = measured.newest(rows, self.filed.name)
         if newest is None:
             self.cell, self.file = self.filed, self.given

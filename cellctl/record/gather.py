@@ -21,12 +21,12 @@ STANDING = frozenset({"HOLDING", "HELD", "FAULT", "STOPPED"})
 OVERRIDES = frozenset({"override"})
 
 
-def record_of(connection: Connection, job_id: str) -> dict[str, Any]:
-    """Everything known about a job. Times: Unix, s. Raises NotFoundError."""
+def record_of(connection: Connection, cell_rows: Connection, job_id: str) -> dict[str, Any]:
+    """Everything known about a job. cell_rows : of what the cell process wrote. Times: Unix, s. Raises NotFoundError."""
     job = jobs.get(connection, job_id)
     part = parts.get(connection, job.part_id)
-    run = history.run_of(connection, job_id)
-    happened = history.events_of(connection, job_id)
+    run = history.run_of(cell_rows, job_id)
+    happened = history.events_of(cell_rows, job_id)
     deeds = audit.of_target(connection, job_id)
     return {
         "schema": SCHEMA,
@@ -63,8 +63,8 @@ def record_of(connection: Connection, job_id: str) -> dict[str, Any]:
         "timestamps": job.timestamps,
         "run": asdict(run) if run else None,
         "consumables": [] if run is None else [asdict(lot) for lot in consumables.in_force(connection, run.started_at, run.ended_at)],
-        "samples": history.count_samples(connection, job_id),
-        "layers": [asdict(figures) for figures in history.layers_of(connection, job_id)],
+        "samples": history.count_samples(cell_rows, job_id),
+        "layers": [asdict(figures) for figures in history.layers_of(cell_rows, job_id)],
         "alarms": alarms(happened),
         "holds": holds(happened, run),
         "overrides": [deed for deed in commands(happened) if deed["verb"] in OVERRIDES],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,14 @@ from cellctl.domain.jobs import ENDED
 from cellctl.planning.process import WorkerError, Workers
 from cellctl.planning.task import Task
 from cellctl.record.layout import MANIFEST
-from cellctl.store import Store
+from cellctl.store import Store, history
 from cellctl.store.blobs import place
-from cellctl.store.schema import cell_runs, records
 from cellctl.store.schema import jobs as job_table
+from cellctl.store.schema import records
 
 PERIOD_S = 2.0
 SETTLE_S = 5.0  # behind the end of a run: what was told last is on the disk by then
+AT_ONCE = 500  # jobs asked for in one statement
 log = structlog.get_logger(__name__)
 
 
@@ -52,21 +54,15 @@ def manifest_of(folder: Path) -> dict[str, Any]:
     return document
 
 
-def unsealed(connection: Connection, now: float) -> list[str]:
-    """Jobs whose run has ended, and whose record is still to be sealed; oldest first."""
-    query = (
-        select(job_table.c.id)
-        .join(cell_runs, cell_runs.c.job == job_table.c.id)
-        .join(records, records.c.job == job_table.c.id, isouter=True)
-        .where(
-            records.c.job.is_(None),
-            job_table.c.state.in_([state.value for state in ENDED]),
-            cell_runs.c.outcome != "",
-            cell_runs.c.ended_at <= now - SETTLE_S,
-        )
-        .order_by(cell_runs.c.ended_at)
-    )
-    return list(connection.execute(query).scalars())
+def standing_of(connection: Connection, ran: Sequence[str]) -> tuple[set[str], set[str]]:
+    """Of jobs whose run has ended: those whose record is sealed, and those whose record is to be sealed."""
+    is_sealed, is_due = set[str](), set[str]()
+    for start in range(0, len(ran), AT_ONCE):
+        some = list(ran[start : start + AT_ONCE])
+        is_sealed |= set(connection.execute(select(records.c.job).where(records.c.job.in_(some))).scalars())
+        ended = job_table.c.state.in_([state.value for state in ENDED])
+        is_due |= set(connection.execute(select(job_table.c.id).where(job_table.c.id.in_(some), ended)).scalars())
+    return is_sealed, is_due - is_sealed
 
 
 class Keeping:
@@ -77,6 +73,7 @@ class Keeping:
         self._workers = workers
         self._sealing = asyncio.Lock()
         self._failed: dict[str, str] = {}  # job -> what was told of it, once
+        self._sealed: set[str] = set()  # known of this cell's jobs: nothing is to be done for them any more
 
     async def run(self) -> None:
         """Look and seal, for ever."""
@@ -94,7 +91,7 @@ class Keeping:
     async def seal_all(self) -> None:
         """Seal what is to be sealed. What fails is told once and tried again."""
         async with self._sealing:
-            for job_id in await asyncio.to_thread(self._waiting):
+            for job_id in await asyncio.to_thread(self.waiting):
                 try:
                     await self._seal(job_id)
                 except (WorkerError, OSError) as error:
@@ -111,6 +108,13 @@ class Keeping:
             summary = await self._workers.run(_task(store, job_id, folder, now), _quiet)
             await asyncio.to_thread(_keep, store, job_id, folder, summary, now)
 
-    def _waiting(self) -> list[str]:
+    def waiting(self) -> list[str]:
+        """Jobs whose run on this cell has ended, and whose record is still to be sealed; oldest first."""
+        with self._store.read_cell() as cell_rows:
+            ran = [job for job in history.ended_runs(cell_rows, self._store.clock() - SETTLE_S) if job not in self._sealed]
+        if not ran:
+            return []
         with self._store.read() as connection:
-            return unsealed(connection, self._store.clock())
+            is_sealed, is_due = standing_of(connection, ran)
+        self._sealed |= is_sealed
+        return [job for job in ran if job in is_due]

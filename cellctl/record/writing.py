@@ -23,8 +23,8 @@ def record(task: Task, progress: Callable[[str, float], None]) -> dict[str, Any]
     store, folder = open_store(Path(task.store)), Path(task.folder)
     try:
         progress("gathering", 0.0)
-        with store.read() as connection:
-            document = write_record(store, connection, task.job, folder)
+        with store.read() as connection, store.read_cell() as cell_rows:
+            document = write_record(store, connection, cell_rows, task.job, folder)
         if task.sealed_at == 0.0:
             return {"samples": document["samples"], "manifest_sha256": ""}
         seal = open_seal(store.folder)
@@ -35,11 +35,11 @@ def record(task: Task, progress: Callable[[str, float], None]) -> dict[str, Any]
         store.close()
 
 
-def write_record(store: Store, connection: Connection, job_id: str, folder: Path) -> dict[str, Any]:
+def write_record(store: Store, connection: Connection, cell_rows: Connection, job_id: str, folder: Path) -> dict[str, Any]:
     """Samples, document, page, recipe and, where there is one, proof into an empty folder; the document. Raises NotFoundError."""
-    document = record_of(connection, job_id)
+    document = record_of(connection, cell_rows, job_id)
     job = jobs.get(connection, job_id)
-    write_parquet(connection, job_id, folder / SAMPLES)
+    write_parquet(cell_rows, job_id, folder / SAMPLES)
     (folder / RECIPE).write_text(job.recipe_toml, encoding="utf-8")
     (folder / DOCUMENT).write_text(json.dumps(document, indent=1, ensure_ascii=False), encoding="utf-8")
     picture = None

@@ -16,25 +16,35 @@ CHUNK_BYTES = 1 << 20
 
 
 class Blobs:
-    """The folder of files. Names come from hashes only, never from a user."""
+    """The folder of files. Names come from hashes only, never from a user.
 
-    def __init__(self, folder: Path) -> None:
+    own : of this host alone, where `folder` is shared; host : the word by which its unfinished files are known there
+    """
+
+    def __init__(self, folder: Path, own: Path | None = None, host: str = "") -> None:
         self.folder = folder
+        self._own = own or folder
+        self._host = host
 
     def make_folders(self) -> None:
-        """Make what is missing, and remove what an earlier process left unfinished."""
-        for kind in (*KINDS, "staging", self.checkpoints.name, self.uploads.name):
-            (self.folder / kind).mkdir(parents=True, exist_ok=True)
+        """Make what is missing."""
+        for path in (*(self.folder / kind for kind in KINDS), self.unfinished, self.checkpoints, self.uploads):
+            path.mkdir(parents=True, exist_ok=True)
+
+    @property
+    def unfinished(self) -> Path:
+        """On the file system of what is kept, so that it can be moved there in one step; each host has its own."""
+        return self.folder / "staging" / self._host
 
     def clear_staging(self) -> None:
-        """Remove unfinished files; called once, before any writer starts."""
-        for path in (self.folder / "staging").iterdir():
+        """Remove unfinished files of this host; called once, before any writer starts."""
+        for path in self.unfinished.iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
     @contextmanager
     def staging(self) -> Iterator[Path]:
         """A folder of one's own on the same file system, removed afterwards."""
-        path = Path(tempfile.mkdtemp(dir=self.folder / "staging"))
+        path = Path(tempfile.mkdtemp(dir=self.unfinished))
         try:
             yield path
         finally:
@@ -43,7 +53,7 @@ class Blobs:
     @property
     def checkpoints(self) -> Path:
         """States of proofs at layers, for all parts: the proofs themselves keep the folder to its size. It may be emptied at any time."""
-        return self.folder / "checkpoints"
+        return self._own / "checkpoints"
 
     @property
     def uploads(self) -> Path:

@@ -1,8 +1,9 @@
-"""What the cell process wrote: events, runs and the journal. Read only."""
+"""What the cell process wrote: events, runs and the journal. Read only, by `Store.read_cell`."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,8 @@ from sqlalchemy import Connection, RowMapping, func, select
 
 from cellctl.domain.messages import Event
 from cellctl.store.schema import cell_runs, events, journal
+
+RECENT_RUNS = 50  # among them is every run whose start was not yet followed: the cell runs one at a time
 
 
 @dataclass(frozen=True)
@@ -92,9 +95,10 @@ def last_seq(connection: Connection) -> int:
 
 def run_of(connection: Connection, job: str) -> Run | None:
     """The run of a job, if it was ever started."""
-    row = connection.execute(select(cell_runs).where(cell_runs.c.job == job)).mappings().first()
-    if row is None:
-        return None
+    return runs_of(connection, [job]).get(job)
+
+
+def _run(row: RowMapping) -> Run:
     return Run(
         job=row["job"],
         program_sha256=row["program_sha256"] or "",
@@ -104,6 +108,22 @@ def run_of(connection: Connection, job: str) -> Run | None:
         last_line=row["last_line"] or 0,
         total_lines=row["total_lines"] or 0,
     )
+
+
+def recent_runs(connection: Connection) -> list[str]:
+    """Jobs that were started last, the newest first."""
+    return list(connection.execute(select(cell_runs.c.job).order_by(cell_runs.c.started_at.desc()).limit(RECENT_RUNS)).scalars())
+
+
+def runs_of(connection: Connection, jobs: Sequence[str]) -> dict[str, Run]:
+    """The runs of those jobs that were ever started."""
+    return {row["job"]: _run(row) for row in connection.execute(select(cell_runs).where(cell_runs.c.job.in_(list(jobs)))).mappings()}
+
+
+def ended_runs(connection: Connection, until: float) -> list[str]:
+    """Jobs whose run had ended by then (Unix time, s), in the order of their ends."""
+    query = select(cell_runs.c.job).where(cell_runs.c.outcome != "", cell_runs.c.ended_at <= until).order_by(cell_runs.c.ended_at)
+    return list(connection.execute(query).scalars())
 
 
 def layers_of(connection: Connection, job: str) -> list[LayerFigures]:

@@ -16,10 +16,9 @@ from cellctl.store.fleet import Seat, check_seat
 from cellctl.store.job_tables import job_counts, job_steps
 from cellctl.store.pages import page
 from cellctl.store.parts import NotFoundError
-from cellctl.store.schema import cell_runs, jobs
+from cellctl.store.schema import jobs
 
 DOCUMENTS = ("error", "proof", "timestamps", "resume_point", "resumption", "tags", "changes")
-RECENT_RUNS = 50  # among them is every run whose start was not yet followed: the cell runs one at a time
 
 
 @dataclass(frozen=True)
@@ -163,26 +162,24 @@ def first_in(connection: Connection, state: JobState, limit: int, cell: str | No
 
 
 def confirmed(connection: Connection, cell: str | None = None) -> list[JobRow]:
-    """Queued jobs of one cell, or of all (None), for whose table a person vouches and that the cell has not run, in the order of the queue.
+    """Queued jobs of one cell, or of all (None), for whose table a person vouches, in the order of the queue.
 
-    Few, as each start takes the others'.
+    Few, as each start takes the others'. The cell may have run one.
     """
     query = select(jobs).where(jobs.c.state == JobState.QUEUED.value, jobs.c.table_clear.is_(True), *_of(cell))
-    query = query.where(~select(cell_runs.c.job).where(cell_runs.c.job == jobs.c.id).exists())
     found = [row_of(row) for row in connection.execute(query).mappings()]  # by their index; sorted here, so that it is that one that is used
     return sorted(found, key=lambda job: (job.priority, job.rank, job.seq))
 
 
-def on_or_near_cell(connection: Connection, cell: str | None = None) -> list[JobRow]:
+def on_or_near_cell(connection: Connection, recent: Sequence[str], cell: str | None = None) -> list[JobRow]:
     """Jobs of one cell, or of all (None), that run, are held, or may just have been started, oldest first.
 
-    Takes the same time however many are queued.
+    Takes the same time however many are queued. recent : jobs that the cell started last (`history.recent_runs`)
     """
-    recent = select(cell_runs.c.job).order_by(cell_runs.c.started_at.desc()).limit(RECENT_RUNS)
     queued = jobs.c.state == JobState.QUEUED.value
     conditions = (
         (jobs.c.state == JobState.RUNNING.value,), (jobs.c.state == JobState.HELD.value,),
-        (jobs.c.id.in_(recent.scalar_subquery()), queued), (queued, jobs.c.table_clear.is_(True)), (queued, jobs.c.claimed_by != ""),
+        (jobs.c.id.in_(list(recent)), queued), (queued, jobs.c.table_clear.is_(True)), (queued, jobs.c.claimed_by != ""),
     )  # fmt: skip
     found = {row["id"]: row_of(row) for one in conditions for row in connection.execute(select(jobs).where(*one, *_of(cell))).mappings()}
     return sorted(found.values(), key=lambda job: job.seq)

@@ -331,6 +331,14 @@ trend_levels = Table(
     Column("figures", LargeBinary, nullable=False),
 )
 
+# How far the receivers of webhooks were told of the events of this host's cell.
+hook_places = Table(
+    "hook_places",
+    metadata,
+    Column("hook", String(40), primary_key=True),
+    Column("event_seq", BigInt, nullable=False),
+)
+
 cell_runs = Table(
     "cell_runs",
     metadata,

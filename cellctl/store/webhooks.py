@@ -1,6 +1,9 @@
 """Webhooks: who is told of what, how far each was told, and what is to be told next.
 
-Two rows of numbers are followed, each in its own order: steps of jobs, and events of the cell.
+Two rows of numbers are followed, each in its own order: steps of jobs, which all hosts share, and events of the cell, which each host has
+for itself, with how far each receiver was told of them. A host takes a receiver for itself while it tells it.
+
+rows : of the shared tables; cell_rows : of the cell's own
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from cellctl.domain.jobs import JobState
 from cellctl.store.ids import new_id
 from cellctl.store.job_tables import job_steps
 from cellctl.store.parts import NotFoundError
-from cellctl.store.schema import events, jobs, webhooks
+from cellctl.store.schema import events, hook_places, jobs, webhooks
 
 SECRET_PREFIX = "whsec_"  # of the Standard Webhooks specification
 SECRET_BYTES = 32
@@ -28,7 +31,7 @@ TOPICS = (*(f"job.{state.value}" for state in JobState), *(f"cell.{kind}" for ki
 
 @dataclass(frozen=True)
 class Hook:
-    """One receiver. topics : of TOPICS; step_seq, event_seq : the last of each that it was told
+    """One receiver. topics : of TOPICS; step_seq : the last step that it was told; event_seq : the newest event when it was added
 
     failing_since : Unix time (s) of the first refusal since it last took something, None if it takes; paused : why it is told nothing more
     """
@@ -69,19 +72,15 @@ def _hook(row: RowMapping) -> Hook:
     return Hook(**{**fields, "topics": tuple(json.loads(fields["topics"]))})
 
 
-def create(connection: Connection, url: str, topics: tuple[str, ...], at: float, by: str) -> tuple[Hook, str]:
-    """A new receiver, told of what happens from now on; and the secret that its letters are signed with."""
+def create(connection: Connection, url: str, topics: tuple[str, ...], at: float, by: str, event_seq: int) -> tuple[Hook, str]:
+    """A new receiver, told of what happens from now on; and the secret that its letters are signed with. event_seq : of the newest event"""
     secret = SECRET_PREFIX + base64.b64encode(secrets.token_bytes(SECRET_BYTES)).decode()
     values = {
         "id": new_id("hook", at), "url": url, "topics": json.dumps(topics), "secret": secret, "created_at": at, "created_by": by,
-        "step_seq": _last(connection, job_steps), "event_seq": _last(connection, events),
+        "step_seq": int(connection.execute(select(func.coalesce(func.max(job_steps.c.seq), 0))).scalar_one()), "event_seq": event_seq,
     }  # fmt: skip
     connection.execute(insert(webhooks).values(**values))
     return get(connection, str(values["id"])), secret
-
-
-def _last(connection: Connection, table: Any) -> int:
-    return int(connection.execute(select(func.coalesce(func.max(table.c.seq), 0))).scalar_one())
 
 
 def get(connection: Connection, hook_id: str) -> Hook:
@@ -113,26 +112,53 @@ def change(connection: Connection, hook_id: str, **values: Any) -> None:
     connection.execute(update(webhooks).where(webhooks.c.id == hook_id).values(**values))
 
 
+def take(connection: Connection, hook_id: str, now: float, until: float) -> Hook | None:
+    """The receiver, for one host alone until then (Unix time, s); None if it is not due, or another host has it."""
+    due = (webhooks.c.id == hook_id, webhooks.c.next_at <= now, webhooks.c.paused == "")
+    taken = connection.execute(update(webhooks).where(*due).values(next_at=until)).rowcount
+    return get(connection, hook_id) if taken else None
+
+
+def event_place(cell_rows: Connection, hook: Hook, is_shared: bool) -> int:
+    """Number of the last event of this host that it was told of; at first, of what happened before it was added, here or at another host."""
+    known = cell_rows.execute(select(hook_places.c.event_seq).where(hook_places.c.hook == hook.id)).scalar()
+    if known is not None:
+        return int(known)
+    if not is_shared:
+        return hook.event_seq
+    return int(cell_rows.execute(select(func.coalesce(func.max(events.c.seq), 0)).where(events.c.at <= hook.created_at)).scalar_one())
+
+
+def set_event_place(cell_rows: Connection, hook_id: str, event_seq: int) -> None:
+    """It was told of the events of this host up to that number."""
+    here = hook_places.c.hook == hook_id
+    if cell_rows.execute(update(hook_places).where(here).values(event_seq=event_seq)).rowcount == 0:
+        cell_rows.execute(insert(hook_places).values(hook=hook_id, event_seq=event_seq))
+
+
 def resume(connection: Connection, hook_id: str) -> Hook:
     """Tell one that was paused, or that refuses, again: now, and from where it stopped. Raises NotFoundError."""
     change(connection, hook_id, paused="", failing_since=None, failures=0, next_at=0.0)
     return get(connection, hook_id)
 
 
-def letters(connection: Connection, hook: Hook, limit: int) -> list[Letter]:
-    """What it has not been told yet, in the order of time, each row of numbers in its own order; those that it does not want only move the number."""
+def letters(rows: Connection, cell_rows: Connection, hook: Hook, event_seq: int, limit: int, cell: str = "") -> list[Letter]:
+    """What it has not been told yet, in the order of time, each row of numbers in its own order; those that it does not want only move the number.
+
+    event_seq : up to which it knows the events of this host; cell : whose they are, where there are others
+    """
     steps = select(job_steps, jobs.c.name).join(jobs, jobs.c.id == job_steps.c.job_id).where(job_steps.c.seq > hook.step_seq)
     found = [
         Letter(f"step-{row['seq']}", f"job.{row['state']}", row["at"], {
             "job": row["job_id"], "name": row["name"], "left": row["left"], "state": row["state"], "why": row["why"], "who": row["who"],
         }, step_seq=row["seq"])
-        for row in connection.execute(steps.order_by(job_steps.c.seq).limit(limit)).mappings()
+        for row in rows.execute(steps.order_by(job_steps.c.seq).limit(limit)).mappings()
     ]  # fmt: skip
-    told = select(events).where(events.c.seq > hook.event_seq, events.c.kind.in_(CELL_KINDS)).order_by(events.c.seq).limit(limit)
+    told = select(events).where(events.c.seq > event_seq, events.c.kind.in_(CELL_KINDS)).order_by(events.c.seq).limit(limit)
     found += [
-        Letter(f"event-{row['seq']}", f"cell.{row['kind']}", row["at"], {
-            "seq": row["seq"], "job": row["job"], "text": row["text"], "data": json.loads(row["data"]),
+        Letter(f"event-{cell}-{row['seq']}" if cell else f"event-{row['seq']}", f"cell.{row['kind']}", row["at"], {
+            "seq": row["seq"], "job": row["job"], "text": row["text"], "data": json.loads(row["data"]), **({"cell": cell} if cell else {}),
         }, event_seq=row["seq"])
-        for row in connection.execute(told).mappings()
+        for row in cell_rows.execute(told).mappings()
     ]  # fmt: skip
     return sorted(found, key=lambda letter: letter.at)

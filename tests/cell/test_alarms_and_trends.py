@@ -39,7 +39,7 @@ async def served(made: Path, folder: Path) -> AsyncIterator[tuple[CellUnderTest,
 
 def history(cell: CellUnderTest, store: Store) -> list[Incident]:
     cell._commit()
-    with store.read() as rows:
+    with store.read_cell() as rows:
         return alarms.incidents(rows, None, 100)
 
 
@@ -86,7 +86,7 @@ async def test_a_silent_feeder_is_a_cause_of_its_own_and_the_next_incident_begin
     await cell.forward(until=lambda: "estop" in cell.latched, seconds=2.0)
     newer, older = history(cell, store)
     assert (older.first.code, older.followed, older.because, newer.first.code, newer.ended_at) == ("feeder_silent", (), "cable", "estop", None)
-    with store.read() as rows:
+    with store.read_cell() as rows:
         assert [one.id for one in alarms.incidents(rows, newer.id, 9)] == [older.id]
         assert [one.id for one in alarms.incidents(rows, None, 9, code="feeder_silent")] == [older.id]
         assert alarms.incident(rows, newer.first.seq) == newer and alarms.active(rows) == newer
@@ -130,7 +130,7 @@ async def test_samples_of_a_run_are_what_the_plant_itself_did(served: tuple[Cell
         plant.append((cell.unix(), cell.sim.laser_emission_w, cell.sim.tip_speed_mm_s))
     cell._commit()
     at, watts, speed = np.array(plant).T
-    with store.read() as rows:
+    with store.read_cell() as rows:
         found = trend(rows, at[0], at[-1], 5000, ("laser_readback_w", "tip_speed_mm_s", "planner_fill_percent", "powder_readback_g_min"))
         last = samples_of(rows, "job-1")[-1]
     assert found.made_of == 0 and len(found.at) > 20
@@ -152,7 +152,7 @@ async def test_without_a_job_a_step_is_there_at_once_and_stillness_every_ten_sec
     opened_at = cell.unix()
     await cell.forward(seconds=3.0)
     cell._commit()
-    with store.read() as rows:
+    with store.read_cell() as rows:
         rows_ = [row for row in samples_of(rows, "") if row["at"] > began]
     still = [row["at"] for row in rows_ if row["at"] < opened_at - 1.5]
     assert 2 <= len(still) <= 4 and (np.diff(still) <= 10.5).all()

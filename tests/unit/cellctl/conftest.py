@@ -11,13 +11,16 @@ import httpx
 import pytest
 import trimesh
 from fastapi import FastAPI
+from sqlalchemy import Engine, event
 
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import Service, Settings
 from cellctl.store import Store, open_store, tokens, upgrade
+from cellctl.store.sides import check_side
 from cellctl.store.tokens import Role
 from config import find_facts
 
+event.listen(Engine, "before_cursor_execute", check_side)  # as in a store that is shared: what one file forgives fails here
 URL = "http://127.0.0.1:8000"
 UPLOAD_LIMIT = 2_000_000
 

@@ -24,7 +24,7 @@ START = 1_700_000_000.0
 
 
 def tell(store: Store, at: float, kind: str, text: str = "", job: str = "", **data: Any) -> None:
-    with store.write() as rows:
+    with store.write_cell() as rows:
         rows.execute(insert(events).values(at=START + at, kind=kind, text=text, job=job, data=json.dumps(data)))
 
 
@@ -126,7 +126,7 @@ def test_a_store_of_an_earlier_version_shows_its_alarms_and_its_samples_after_th
     upgrade(tmp_path)
     store = open_store(tmp_path)
     try:
-        with store.read() as rows:
+        with store.read_cell() as rows:
             (one,) = alarms.incidents(rows, None, 10)
             found = trends.trend(rows, START, START + 60.0, 100, ("laser_readback_w", "tip_speed_mm_s"))
     finally:

@@ -89,7 +89,7 @@ async def connected(web: Any, last: str = "", query: str = "snapshots=false") ->
 
 def happen(web: Any, *, seen: bool) -> None:
     """An event at the cell; one that is not seen was written while the link was down."""
-    with web.service.store.write() as rows:
+    with web.service.store.write_cell() as rows:
         done = rows.execute(insert(events).values(at=1.0, kind="state", text="x"))
         seq = int(done.inserted_primary_key[0])
     if seen:

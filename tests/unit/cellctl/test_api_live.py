@@ -27,6 +27,7 @@ LIVE = "ws://127.0.0.1:8000/api/v1/live"
 def live(tmp_path: Path, store: Store) -> Iterator[tuple[TestClient, Any, dict[str, str]]]:
     with store.write() as rows:
         _, secret = tokens.create(rows, "me", Role.VIEWER, store.clock())
+    with store.write_cell() as rows:
         for number in range(1, 8):
             rows.execute(insert(events).values(at=float(number), kind="state", text=f"event {number}"))
     service = build_service(Settings(tmp_path / "store", tmp_path / "run", find_facts("cells", "trunnion_tcp")))

@@ -51,7 +51,7 @@ def job_in(store: Store, part_id: str, name: str = "job", state: JobState = JobS
 
 
 def test_migrations_make_the_tables_of_the_schema(store: Store) -> None:
-    with store.read() as rows:
+    with store.engine.connect() as rows:
         assert compare_metadata(MigrationContext.configure(rows), metadata) == []
 
 

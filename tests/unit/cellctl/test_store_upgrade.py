@@ -63,10 +63,11 @@ def test_jobs_of_the_first_version_are_there_after_the_upgrade_and_continue_noth
             names = columns.split(", ")
             rows.execute(text(f"INSERT INTO {table} ({columns}) VALUES (:{', :'.join(names)})"), dict(zip(names, values, strict=True)))
     migrate(engine, "a store of the first version")
-    store = Store(tmp_path, engine, Blobs(tmp_path))
+    store = Store(tmp_path, engine, engine, Blobs(tmp_path))
     with store.read() as rows:
         job = jobs.get(rows, "job-1")
         assert (audit.verify(rows).rows, audit.verify(rows).fault) == (1, "")
+    with engine.connect() as rows:
         assert compare_metadata(MigrationContext.configure(rows), metadata) == []
     assert (job.name, job.state, job.created_at, job.cell_wanted) == ("block", JobState.INTERRUPTED, 2.0, "cell")
     assert (job.continues_job, job.resume_point, job.resumption) == (None, None, None)

@@ -33,7 +33,7 @@ def samples_in(store: Store, at: Floats, laser_w: Floats) -> None:
         {"at": float(t), "job": "", "state": "IDLE", "laser_readback_w": None if np.isnan(w) else float(w), "feed_override_percent": float(k)}
         for k, (t, w) in enumerate(zip(at, laser_w, strict=True))
     ]
-    with store.write() as connection:
+    with store.write_cell() as connection:
         connection.execute(insert(journal), rows)
 
 
@@ -41,7 +41,7 @@ def thin(store: Store) -> None:
     """What the service does over time."""
     taken = 1
     while taken:
-        with store.write() as rows:
+        with store.write_cell() as rows:
             _, taken = trend_levels.advance(rows, trend_levels.upto(rows))
 
 
@@ -89,7 +89,7 @@ def test_buckets_are_what_plain_numpy_says_whatever_level_answers(
 ) -> None:
     store, at, laser = run
     from_at = START + start
-    with store.read() as rows:
+    with store.read_cell() as rows:
         found = trend(rows, from_at, from_at + seconds, points, ("laser_readback_w",))
     assert found.made_of == made_of
     edges = np.append(found.at, found.at[-1] + found.step_s) if found.step_s else np.append(found.at - 1e-6, found.at[-1] + 1e-6)
@@ -102,9 +102,9 @@ def test_buckets_are_what_plain_numpy_says_whatever_level_answers(
 
 def test_a_spike_of_one_sample_is_seen_from_far_away_and_after_its_samples_have_gone(run: tuple[Store, Floats, Floats]) -> None:
     store, at, _ = run
-    with store.write() as rows:
+    with store.write_cell() as rows:
         rows.execute(journal.delete())
-    with store.read() as rows:
+    with store.read_cell() as rows:
         found = trend(rows, at[0] - YEAR_S, at[-1] + 1.0, 1000)
     assert np.nanmax(found.greatest[:, LASER]) == 1900.0 and found.made_of == 3600
     assert found.samples.sum() == len(at)
@@ -113,14 +113,14 @@ def test_a_spike_of_one_sample_is_seen_from_far_away_and_after_its_samples_have_
 def test_samples_that_no_level_holds_yet_are_in_the_answer(run: tuple[Store, Floats, Floats]) -> None:
     store, at, _ = run
     samples_in(store, at[-1] + np.arange(1.0, 30.0), np.full(29, 1234.0))
-    with store.read() as rows:
+    with store.read_cell() as rows:
         found = trend(rows, at[0], at[-1] + 60.0, 500)
     assert found.made_of == 10 and found.greatest[-1, LASER] == 1234.0 and found.samples.sum() == len(at) + 29
 
 
 def test_levels_made_in_pieces_are_those_made_at_once_and_nothing_counts_twice(run: tuple[Store, Floats, Floats]) -> None:
     store, at, laser = run
-    with store.read() as rows:
+    with store.read_cell() as rows:
         assert trend_levels.advance(rows, trend_levels.upto(rows)) == (len(at), 0)
         stored = rows.execute(levels_table.select().where(levels_table.c.level_s == 600).order_by(levels_table.c.start_at)).all()
     figures = trend_levels.unpack([row.figures for row in stored])
@@ -134,7 +134,7 @@ def test_levels_made_in_pieces_are_those_made_at_once_and_nothing_counts_twice(r
 def test_silence_of_the_cell_is_a_gap_and_ten_seconds_without_news_are_none(store: Store) -> None:
     at = np.concatenate([START + np.arange(0.0, 300.0, 10.0), START + 1000.0 + np.arange(0.0, 300.0, 10.0)])
     samples_in(store, at, np.full(len(at), 5.0))
-    with store.read() as rows:
+    with store.read_cell() as rows:
         for points in (1000, 20):
             found = trend(rows, START, START + 1400.0, points)
             gaps = np.flatnonzero(found.samples == 0)
@@ -143,7 +143,7 @@ def test_silence_of_the_cell_is_a_gap_and_ten_seconds_without_news_are_none(stor
 
 
 def test_a_moment_that_nobody_sampled_is_empty(store: Store) -> None:
-    with store.read() as rows:
+    with store.read_cell() as rows:
         for seconds in (60.0, YEAR_S):
             found = trend(rows, START, START + seconds, 1000)
             assert len(found.at) == 0
@@ -158,7 +158,7 @@ def test_old_figures_of_fewer_channels_are_read_and_the_new_ones_are_unknown() -
 
 def test_finest_levels_are_forgotten_in_time_and_the_coarse_ones_stay(run: tuple[Store, Floats, Floats]) -> None:
     store, at, _ = run
-    with store.write() as rows:
+    with store.write_cell() as rows:
         while trend_levels.forget(rows, at[-1] + 100 * 86_400.0):
             pass
         left = {level for (level,) in rows.execute(levels_table.select().with_only_columns(levels_table.c.level_s).distinct())}
@@ -168,7 +168,7 @@ def test_finest_levels_are_forgotten_in_time_and_the_coarse_ones_stay(run: tuple
 def test_a_year_is_answered_within_200_ms(store: Store) -> None:
     hours = np.arange(YEAR_S // 600)
     blob = trend_levels.pack(trend_levels.of_values(np.full((1, len(NAMES)), 7.0))[0])
-    with store.write() as rows:
+    with store.write_cell() as rows:
         for level, count in ((600, len(hours)), (3600, len(hours) // 6)):
             found = [{"level_s": level, "start_at": int(START) + k * level, "samples": 60, "last_id": k, "figures": blob} for k in range(count)]
             rows.execute(insert(levels_table), found)
@@ -176,7 +176,7 @@ def test_a_year_is_answered_within_200_ms(store: Store) -> None:
     took = []
     for _ in range(3):
         began = time.process_time()
-        with store.read() as rows:
+        with store.read_cell() as rows:
             found_ = trend(rows, START, START + YEAR_S, 1000)
         took.append(time.process_time() - began)
     assert len(found_.at) >= 900 and min(took) < 0.2
@@ -229,7 +229,7 @@ async def test_the_same_trend_as_csv_and_as_arrow(web: Web) -> None:
 async def test_marks_of_a_job_are_its_alarms_holds_and_layers_in_order(web: Web) -> None:
     told = [("job", "wall: started", "{}"), ("layer", "layer 1 of 2", '{"layer": 0}'), ("state", "HOLDING: x", "{}"), ("cnc", "a message", "{}"),
             ("alarm", "The door is open", '{"code": "door", "layer": 1}'), ("state", "RUNNING: y", "{}")]  # fmt: skip
-    with web.service.store.write() as rows:
+    with web.service.store.write_cell() as rows:
         for k, (kind, text, data) in enumerate(told):
             rows.execute(insert(events).values(at=START + k, kind=kind, text=text, job="job-1", data=data))
         rows.execute(insert(events).values(at=START, kind="alarm", text="of another", job="job-2", data="{}"))

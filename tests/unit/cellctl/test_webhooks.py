@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import insert
 
 from cellctl.api.webhook_delivery import GIVEN_UP_S, Deliveries, signature
-from cellctl.store import Store, jobs, open_store, parts, webhooks
+from cellctl.store import Store, history, jobs, open_store, parts, webhooks
 from cellctl.store.backup import back_up, restore
 from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
@@ -50,14 +50,16 @@ class Receiver:
 
 
 def happen(store: Store, *texts: str, kind: str = "alarm") -> None:
-    with store.write() as rows:
+    with store.write_cell() as rows:
         for text in texts:
             rows.execute(insert(events).values(at=NOW, kind=kind, text=text, job="", data="{}"))
 
 
 def hooked(store: Store, receiver: Receiver, *topics: str) -> str:
+    with store.read_cell() as rows:
+        newest = history.last_seq(rows)
     with store.write() as rows:
-        hook, receiver.secret = webhooks.create(rows, "http://receiver/path", topics, NOW, "ada")
+        hook, receiver.secret = webhooks.create(rows, "http://receiver/path", topics, NOW, "ada", newest)
     return hook.id
 
 
@@ -67,7 +69,7 @@ def look(store: Store, hook: str) -> webhooks.Hook:
 
 
 def deliveries(store: Store, receiver: Receiver, at: float = NOW) -> Deliveries:
-    return Deliveries(replace(store, clock=lambda: at), lambda: httpx.MockTransport(receiver.answer))
+    return Deliveries(replace(store, clock=lambda: at), transport=lambda: httpx.MockTransport(receiver.answer))
 
 
 def test_the_signature_is_that_of_the_specifications_own_example() -> None:
