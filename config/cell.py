@@ -282,7 +282,7 @@ class Cell(Facts):
 
     @property
     def twin_sha256(self) -> str:
-        """Hash (hex) of what a Proof depends on: the simulation, the plate, the machine's shape, tools and the verdict's limits; STL files as above."""
+        """Hash (hex) of what a Proof depends on: the simulation, the plate, the machine's shape, tools, the verdict's limits; STL files as above."""
         paths = {"machine": {"solids": {"__all__": {"file"}}}}
         return self._with_files(self.model_dump_json(include={"simulation", "plate", "machine", "proof", "tools"}, exclude=paths))
 
