@@ -72,6 +72,38 @@ def test_after_fast_scrubbing_the_card_tells_the_numbers_of_the_plan(viewed: Pag
     picture(viewed, "view_scrub")
 
 
+def test_a_line_is_found_by_its_number_and_keys_and_buttons_step_by_line_pass_and_layer(viewed: Page) -> None:
+    card, number = viewed.locator(".scrub-card"), viewed.get_by_label("Line of the program")
+
+    def shows(line: int) -> None:
+        process, pass_, speed, power = planned_at(line)
+        for told in (f"N{line + 1}, layer {line // LINES + 1} of", f"{process} deposition, pass {pass_}", f"{speed:.1f} mm/s", f"{power:.0f} W"):
+            expect(card).to_contain_text(told)
+        expect(number).to_have_value(str(line + 1))
+
+    line = 640 * LINES + 123
+    number.fill(str(line + 1))
+    number.press("Enter")
+    shows(line)
+    stage = viewed.locator(".stage")
+    stage.press(".")
+    shows(line + 1)
+    stage.press(",")
+    shows(line)
+    following = next(one for one in range(line, line + LINES) if planned_at(one)[:2] != planned_at(line)[:2])
+    stage.press("PageDown")
+    shows(following)
+    viewed.get_by_label("Step by", exact=True).select_option("layer")
+    viewed.get_by_role("button", name="On by one layer").click()
+    shows(641 * LINES)
+    stage.press("Shift+PageUp")
+    shows(640 * LINES)
+    number.fill("99999999")
+    number.press("Enter")
+    shows(LAYERS * LINES - 1)
+    picture(viewed, "view_line")
+
+
 def test_view_at_rest_draws_no_frames(viewed: Page) -> None:
     viewed.locator("#layer").fill("400")
     before = -1.0

@@ -2,6 +2,7 @@
 import type { PlanLayer } from "../api/types";
 import { plan } from "../state/plan";
 import { words } from "../words";
+import { LineSteps } from "./LineSteps";
 import { layer, layerCount, showLayer } from "./state";
 
 const say = words.view;
@@ -31,6 +32,7 @@ export function LayerBar() {
         onInput={(event) => showLayer(Number(event.currentTarget.value))}
       />
       <output for="layer">{say.layerOf(layer.value + 1, layerCount.value, facts ? placeOf(facts) : "")}</output>
+      <LineSteps />
     </div>
   );
 }

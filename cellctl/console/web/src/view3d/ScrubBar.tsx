@@ -4,7 +4,7 @@ import { plan } from "../state/plan";
 import { words } from "../words";
 import { decimal, duration } from "../words/format";
 import { drawing, loaded } from "./drawing";
-import { goLive, isPlaying, moment, onCell, rate, RATES, scrubTime, scrubTo, shownMode, track } from "./state";
+import { goLive, isPlaying, moment, onCell, rate, RATES, scrubLine, scrubTime, scrubTo, shownMode, track } from "./state";
 
 const say = words.view;
 const STEPS_PER_PROGRAM = 2000;
@@ -23,7 +23,7 @@ effect(() => {
 });
 
 function play(): void {
-  if (shownMode.peek() !== "scrub") scrubTo(moment.peek()?.time ?? scrubTime.peek());
+  if (shownMode.peek() !== "scrub" || scrubLine.peek() >= 0) scrubTo(moment.peek()?.time ?? scrubTime.peek());
   if (scrubTime.peek() >= (track.peek()?.duration_s ?? 0)) scrubTime.value = 0;
   isPlaying.value = !isPlaying.peek();
 }
@@ -31,8 +31,8 @@ function play(): void {
 export function ScrubBar() {
   const index = track.value;
   if (!index) return null;
-  const time = shownMode.value === "scrub" ? scrubTime.value : (moment.value?.time ?? 0);
-  const line = moment.value && shownMode.value !== "layer" ? say.line(moment.value.line + 1) : "";
+  const isAtTime = shownMode.value === "scrub" && scrubLine.value < 0;
+  const time = isAtTime ? scrubTime.value : shownMode.value === "layer" ? 0 : (moment.value?.time ?? 0);
   const move = (event: { currentTarget: HTMLInputElement }) => {
     isPlaying.value = false;
     scrubTo(Number(event.currentTarget.value));
@@ -64,7 +64,7 @@ export function ScrubBar() {
         value={time}
         onInput={move}
       />
-      <output>{say.timeOf(duration(time), duration(index.duration_s), line)}</output>
+      <output>{say.timeOf(duration(time), duration(index.duration_s))}</output>
       <button type="button" class="view-button" aria-label={say.liveAria} aria-pressed={shownMode.value === "live"} disabled={!onCell.value} onClick={goLive}>
         {say.live}
       </button>

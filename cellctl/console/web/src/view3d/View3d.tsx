@@ -11,6 +11,7 @@ import { FindingsList, Pins, placePins } from "./Findings";
 import { FlatView } from "./flat_view";
 import { LayerBar } from "./LayerBar";
 import { Legend } from "./Legend";
+import { stepByKey } from "./LineSteps";
 import { PlanView } from "./plan_view";
 import { Reading } from "./Reading";
 import { ScrubBar, ScrubCard } from "./ScrubBar";
@@ -23,6 +24,7 @@ import {
   moment,
   onCell,
   quantity,
+  scrubLine,
   scrubTime,
   shownMode,
   track,
@@ -45,7 +47,7 @@ const isBuilt = computed(() => shown.value?.state === "completed" && shown.value
 function momentNow(view: PlanView) {
   const lines = view.track;
   if (!lines) return null;
-  if (shownMode.value === "scrub") return lines.atTime(scrubTime.value);
+  if (shownMode.value === "scrub") return scrubLine.value >= 0 ? lines.atEnd(scrubLine.value) : lines.atTime(scrubTime.value);
   const now = onCell.value ? snapshot.value : null;
   if (!now) return null;
   const line = now.lines.executing > 0 ? now.lines.executing - 1 : now.lines.executed - 1;
@@ -91,6 +93,7 @@ function connect(host: HTMLElement): () => void {
       untracked(() => {
         layerByHand.value = Math.max(0, layerCount.value - 1);
         moment.value = null;
+        scrubLine.value = -1;
         track.value = null;
       });
     }),
@@ -165,6 +168,7 @@ function onKey(event: KeyboardEvent): void {
     "=": [0, 0, ZOOM_STEP],
     "-": [0, 0, 1 / ZOOM_STEP],
   };
+  if (stepByKey(event)) return event.preventDefault();
   const turn = turns[event.key];
   if (!turn) return;
   event.preventDefault();

@@ -14,6 +14,8 @@ export const RATES = [1, 10, 100] as const;
 export const mode = signal<Mode>("live");
 export const layerByHand = signal(0);
 export const scrubTime = signal(0);
+/** The line (from 0) at whose end the scrubbed moment is, -1: it is at a time. */
+export const scrubLine = signal(-1);
 export const rate = signal<number>(10);
 export const isPlaying = signal(false);
 export const quantity = signal<Quantity>("process");
@@ -59,7 +61,15 @@ export function layerAt(time: number): number {
 
 export function scrubTo(time: number): void {
   mode.value = "scrub";
+  scrubLine.value = -1;
   scrubTime.value = Math.min(Math.max(0, time), track.value?.duration_s ?? 0);
+}
+
+/** Show the end of a line, from 0; the nearest there is. */
+export function scrubToLine(line: number): void {
+  isPlaying.value = false;
+  mode.value = "scrub";
+  scrubLine.value = Math.min(Math.max(0, line), (track.value?.lines ?? 1) - 1);
 }
 
 export function showLayer(number: number): void {

@@ -5,6 +5,10 @@ import { Asking } from "./asking";
 import type { Loader } from "./loader";
 import type { Made } from "./messages";
 
+/** By what one goes through a program. */
+export const STEPS = ["line", "pass", "layer"] as const;
+export type Step = (typeof STEPS)[number];
+
 export interface Chunk {
   layer: number;
   first_line: number;
@@ -98,11 +102,39 @@ export class Track {
 
   /** Where the program is on a line, by where the tip is reported; null until its lines are here. */
   atLine(line: number, tip: Vector): Moment | null {
-    const n = Math.max(0, lastAtMost(this.firsts, line));
+    const n = this.chunkOf(line);
     const made = this.need((this.looked = n));
     if (!made) return null;
     const row = Math.min(Math.max(0, line - this.index.chunks[n]!.first_line), this.index.chunks[n]!.lines - 1);
     return this.moment(n, made, row, this.along(made, row, tip));
+  }
+
+  /** Where the program is at the end of a line, from 0; null until its lines are here. */
+  atEnd(line: number): Moment | null {
+    const n = this.chunkOf(line);
+    const made = this.need((this.looked = n));
+    if (!made) return null;
+    void this.need(Math.min(n + 1, this.index.chunks.length - 1));
+    return this.moment(n, made, Math.min(line - this.index.chunks[n]!.first_line, this.index.chunks[n]!.lines - 1), 1);
+  }
+
+  /** The line to which a step leads: the one beside it, the first of the pass or of the layer that follows, or of the one it is in or after. */
+  stepFrom(line: number, by: Step, way: 1 | -1): number {
+    const n = this.chunkOf(line);
+    const { first_line: first, lines } = this.index.chunks[n]!;
+    const after = Math.min(first + lines, this.index.lines - 1);
+    if (by === "line") return Math.min(Math.max(0, line + way), this.index.lines - 1);
+    if (by === "layer") return way > 0 ? after : line > first ? first : (this.index.chunks[n - 1]?.first_line ?? 0);
+    const arrays = this.chunks.get(n)?.arrays as Record<"operation" | "pass", Int32Array> | undefined;
+    if (!arrays) return line;
+    const isFirst = (row: number) => row === 0 || arrays.pass[row] !== arrays.pass[row - 1] || arrays.operation[row] !== arrays.operation[row - 1];
+    let row = line - first + way;
+    while (row >= 0 && row < lines && !isFirst(row)) row += way;
+    return row < lines ? Math.max(0, first + row) : after;
+  }
+
+  private chunkOf(line: number): number {
+    return Math.max(0, lastAtMost(this.firsts, line));
   }
 
   /** Lines of a layer, where they are here: for its colours by time. */
