@@ -14,7 +14,7 @@ from sqlalchemy import Connection
 from cellctl.api.asked_cell import cell_for
 from cellctl.api.conditional import IfMatch
 from cellctl.api.context import Service
-from cellctl.api.jobs import check_seen, document, is_added, pins_of, recipe_from
+from cellctl.api.jobs import check_can_come, check_seen, document, is_added, pins_of, recipe_from
 from cellctl.api.models import Job, NewJob
 from cellctl.api.models_jobs import Again, Change, Clone, CloneShown, JobEdit, Life, Step
 from cellctl.api.parts import IdempotencyKey
@@ -209,7 +209,7 @@ async def edit(person: Operator, service: ServiceOf, job_id: str, body: JobEdit,
                 jobs.change(rows, job_id, not_before=body.not_before)
             if body.after is not None:
                 for one in body.after:
-                    _check_can_come(jobs.get(rows, one.job), one.until)
+                    check_can_come(jobs.get(rows, one.job), one.until)
                 dependencies.replace(rows, job_id, [(one.job, one.until) for one in body.after])
             told = ", ".join(f"{name}={getattr(body, name)!r}" for name in sorted(given - {"because", "after"}))
             told_after = f"after={[(one.job, one.until.value) for one in body.after or []]}" if "after" in given else ""
@@ -232,12 +232,6 @@ def _check_order(job: JobRow, given: set[str]) -> None:
             409, "Not in this state", f"{', '.join(late)}: {job.name} is {job.state.value}: when it starts is decided",
             "name and tags can be changed at any time",
         )  # fmt: skip
-
-
-def _check_can_come(other: JobRow, until: dependencies.Until) -> None:
-    """Raises ApiError if a job is to wait for what can never be."""
-    if until is dependencies.Until.COMPLETED and other.state in ENDED and other.state is not J.COMPLETED:
-        raise ApiError(409, "It would wait for ever", f"{other.name} is {other.state.value} and will not be completed", "name another job")
 
 
 @router.get("/life")

@@ -23,7 +23,7 @@ from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
 from cellctl.api.table import check_found, check_free, found_of
 from cellctl.api.waits import waits_of, why_of
-from cellctl.domain.jobs import ON_CELL, JobState
+from cellctl.domain.jobs import ENDED, ON_CELL, JobState
 from cellctl.faults import one_line
 from cellctl.planning.dispatcher import needs_of_part
 from cellctl.planning.view import layers_written
@@ -110,6 +110,12 @@ def pins_of(service: Service, rows: Connection, material: str) -> dict[str, str]
     return {"material_sha256": newest.sha256, "cell_sha256": service.cell.sha256}
 
 
+def check_can_come(other: JobRow, until: dependencies.Until) -> None:
+    """Raises ApiError if a job is to wait for what can never be."""
+    if until is dependencies.Until.COMPLETED and other.state in ENDED and other.state is not J.COMPLETED:
+        raise ApiError(409, "It would wait for ever", f"{other.name} is {other.state.value} and will not be completed", "name another job")
+
+
 def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> tuple[dict[str, Any], bool]:
     """(the answer, whether the job is new)."""
     recipe = recipe_from(body)
@@ -135,6 +141,8 @@ def _submit(service: Service, person: Person, body: NewJob, key: str | None) -> 
             ),
         )  # fmt: skip
         threads.set_tags(rows, job.id, body.tags)
+        for one in body.after:
+            check_can_come(jobs.get(rows, one.job), one.until)
         dependencies.replace(rows, job.id, [(one.job, one.until) for one in body.after])
         answer = document(service, jobs.get(rows, job.id), rows).model_dump()
         idempotency.remember(rows, person.name, key, digest, answer, now)

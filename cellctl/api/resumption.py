@@ -17,7 +17,7 @@ from cellctl.api.parts import IdempotencyKey
 from cellctl.api.problems import DOCUMENTED, ApiError
 from cellctl.api.sign_in import Operator, Person, ServiceOf, Viewer
 from cellctl.api.standing import ResumptionPoint, metal_end, operations_of, resumption_point, why_none
-from cellctl.store import audit, idempotency, jobs, lineage
+from cellctl.store import audit, dependencies, idempotency, jobs, lineage, threads
 from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
 
@@ -63,7 +63,10 @@ def get_point(_person: Viewer, service: ServiceOf, job_id: str) -> ResumptionPoi
 async def resume(
     person: Operator, service: ServiceOf, job_id: str, body: Resumption, idempotency_key: IdempotencyKey = None
 ) -> JSONResponse:
-    """Go on with the part of an interrupted job: a new job, whose program is generated and proved, and then waits for approval."""
+    """Go on with the part of an interrupted job: a new job, whose program is generated and proved, and then waits for approval.
+
+    It has the priority and the tags of the first; who waited for that one waits for the new one.
+    """
     answer, is_new = await asyncio.to_thread(_resume, service, person, job_id, body, idempotency_key)
     if is_new:
         is_added(service, answer["id"])
@@ -89,10 +92,15 @@ def _resume(service: Service, person: Person, job_id: str, body: Resumption, key
         row = JobRow(
             new_id("job", now), _name(lineage.chain_of(rows, before)), before.part_id, before.cell, before.recipe_toml, before.material,
             now, person.name, plan_sha256=before.plan_sha256, layers=before.layers, continues_job=before.id, resume_point=point,
-            material_sha256=before.material_sha256, cell_wanted=before.cell,
+            material_sha256=before.material_sha256, cell_wanted=before.cell, priority=before.priority, tags=before.tags,
             cell_sha256=service.cell.sha256 if before.cell == service.cell.name else before.cell_sha256,
         )  # fmt: skip
-        answer = document(service, jobs.add(rows, row), rows).model_dump()
+        jobs.add(rows, row)
+        threads.set_tags(rows, row.id, row.tags)
+        for ended in (before, *lineage.continued_by(rows, before.id)):
+            if ended.id != row.id:
+                dependencies.hand_over(rows, ended.id, row.id)
+        answer = document(service, jobs.get(rows, row.id), rows).model_dump()
         idempotency.remember(rows, person.name, key, digest, answer, now)
         for target in (before.id, row.id):
             audit.add(rows, person.deed("resume", target, body.because), now, f"ok: {row.id} continues {before.id}")

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 from sqlalchemy import Connection
 
 from cellctl.api.problems import ApiError
+from cellctl.api.waits import time_in_words
 from cellctl.cell.opened_program import arrays_of_form
 from cellctl.cell.program_form import form_beside
 from cellctl.domain.jobs import ENDED, JobState
@@ -126,7 +127,8 @@ def notes_of(rows: Connection, cell_rows: Connection, job: JobRow) -> list[str]:
     if run is None:
         return []
     own = [one.id for one in lineage.chain_of(rows, job)]
-    return [
+    seen = f"the table was told clear at {time_in_words(job.cleared_at)}: see that the part of this job still stands on it" if job.cleared_at else ""
+    return [seen] * bool(seen) + [
         f"{one.name} ({one.job}) was on the cell since ({one.outcome or 'running'}): see that the part of this job still stands in its place"
         for one in lineage.ran_since(cell_rows, run, own)
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
@@ -89,8 +89,13 @@ class InProcess:
 
 
 @contextmanager
-def in_process(folder: Path, empty_store: Path, is_joined: bool = True) -> Iterator[InProcess]:
-    """Serve until left. is_joined : a cell answers at the other end of the socket. No planner works: what is submitted stays so."""
+def in_process(
+    folder: Path, empty_store: Path, is_joined: bool = True, prepare: Callable[[Service], None] = lambda service: None
+) -> Iterator[InProcess]:
+    """Serve until left. is_joined : a cell answers at the other end of the socket. No planner works: what is submitted stays so.
+
+    prepare : called with the service before anything of it runs
+    """
     shutil.copytree(empty_store, folder / "store")
     (folder / "run").mkdir()
     store = open_store(folder / "store")
@@ -108,6 +113,7 @@ def in_process(folder: Path, empty_store: Path, is_joined: bool = True) -> Itera
     store.close()
     service = build_service(Settings(folder / "store", folder / "run", find_facts("cells", "trunnion_tcp"), upload_limit_bytes=2_000_000))
     service.queue._slots = 0
+    prepare(service)
     app = make_app(service, "127.0.0.1")
     far = FarCell(folder / "store", service.store.clock)
     with asyncio.Runner() as runner:

@@ -39,8 +39,12 @@ class FarCell:
         await self.server.start(socket)
 
     async def answer(self, command: Command) -> Reply:
-        """A start on a table that was disturbed since it was looked at is refused, as is a second job."""
+        """A start on a table that was disturbed since it was looked at is refused, as is a second job; hold, resume and abort are for a job."""
         if command.verb != "start":
+            if self.job and command.verb in ("hold", "resume"):
+                self.state = {"hold": "HELD", "resume": "RUNNING"}[command.verb]
+            elif self.job and command.verb == "abort":
+                self.end("aborted")
             return Reply(command.id, True)
         if command.id not in self.answered:
             self.answered[command.id] = self._start(command)

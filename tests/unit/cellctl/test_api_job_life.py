@@ -473,3 +473,11 @@ def test_order_dependencies_notes_and_tags_are_there_when_the_store_is_opened_ag
         assert threads.notes_of(rows, made[0])[0].text == "kept" and jobs.get(rows, made[0]).tags == ["x"]
         assert lanes.version(rows, Lane.CELL) == version
     other.close()
+
+
+async def test_no_job_is_ever_deleted_and_none_is_submitted_to_wait_for_what_will_not_come(still: Any, part_id: str) -> None:
+    gone = job_of(still.service.store, part_id, "a", J.CANCELLED)
+    assert (await still.admin.delete(f"/api/v1/jobs/{gone}")).status_code == 405
+    body = {"part_id": part_id, "recipe": RECIPE, "after": [{"job": gone}]}
+    assert "will not be completed" in problem(await still.operator.post("/api/v1/jobs", json=body), 409)
+    assert [one["id"] for one in (await still.viewer.get("/api/v1/jobs")).json()["items"]] == [gone]
