@@ -10,7 +10,6 @@ from drivers.errors import DeviceFault, DeviceSilent, DriverError, LinkError, Wr
 from drivers.interfaces import Clock, ModbusLink
 from drivers.modbus.beats import Beats
 from drivers.modbus.latency import Latency
-from drivers.modbus.readings import Reading
 from drivers.modbus.registers import Span, decode, encode, spans
 from drivers.modbus.turn import Turn
 from drivers.modbus.wanted import Wanted
@@ -111,8 +110,10 @@ class DeviceClient(Wanted):
 
     def _is_beating_now(self) -> bool:
         now, takes_s = self.clock.now(), self.latency.write.usual_s
+        if not self.is_beating or not self.beats.is_due(now, is_shared=self.turn.is_shared, can_wait=False):
+            return False  # what goes before it makes it no earlier
         can_wait = self.beats.is_costly(takes_s) or self._is_about_stale or self.turn.taken_at(now, takes_s) is not None
-        return self.is_beating and self.beats.is_due(now, is_shared=self.turn.is_shared, can_wait=can_wait)
+        return not can_wait or self.beats.is_due(now, is_shared=self.turn.is_shared, can_wait=True)
 
     @property
     def is_beat_due(self) -> bool:
@@ -229,7 +230,7 @@ class DeviceClient(Wanted):
         return await self._prove() or error
 
     def _oldest(self, of: Sequence[Span]) -> Span:
-        return max(of, key=lambda span: self._urgency(span.names))
+        return max(of, key=self.urgency)
 
     def _is_just_read(self, span: Span, began: float) -> bool:
         """Whether it was read since this round began, or its contacts a moment ago between two requests of others."""
@@ -249,13 +250,14 @@ class DeviceClient(Wanted):
             return refusal
         ended = self._answered_at = self.clock.now()
         self.latency.read.took(ended - at)
+        values = []
         is_news = False
         for name in span.names:
             register = self.device.registers[name]
             start = register.address - span.address
-            value = decode(register, words[start : start + register.count])
-            is_news = is_news or (name in self._levels and value != self.value(name))
-            self.readings[name] = Reading(value, at)
+            values.append(decode(register, words[start : start + register.count]))
+            is_news = is_news or (name in self._levels and values[-1] != self.value(name))
+        self.keep(span, values, at)
         if is_news and self.on_level is not None:
             self.on_level()
         if self.watcher is not None:
@@ -296,7 +298,7 @@ class DeviceClient(Wanted):
             await self._give_way()
             takes_s = self.latency.read.usual_s
             is_awaited = self.turn.taken_at(self.clock.now(), PROVE_BEFORE * takes_s) is not None
-            is_old = max(self._urgency(each.names) for each in self._read_spans) > PROVE_SHARE
+            is_old = max(self.urgency(each) for each in self._read_spans) > PROVE_SHARE
             if is_old or (is_awaited and self._patience_s < PROVE_BEFORE * takes_s):
                 self._unproven |= set(span.names)  # another time: readings are about to grow stale
                 continue

@@ -63,7 +63,7 @@ def decode(register: Register, words: Sequence[int]) -> float:
     if register.type == "bit":
         return float(bool(words[0])) * register.scale + register.offset
     ordered = words[::-1] if register.word_order == "little" else words
-    packed = b"".join(word.to_bytes(2, "big") for word in ordered)
+    packed = struct.pack(f">{len(ordered)}H", *ordered)
     return float(struct.unpack(CODES[register.type], packed)[0]) * register.scale + register.offset
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from config.device import Device
 from drivers.interfaces import Clock
 from drivers.modbus.readback import Disagreements, Heartbeat
@@ -53,10 +51,6 @@ class Written(Readings):
         reading = self.readings.get(register.readback)
         is_near = reading is not None and abs(decode(register, written) - reading.value) <= register.readback_tolerance + abs(register.scale) / 2
         return is_near and reading is not None and reading.at >= self._written_at[name]
-
-    def _urgency(self, names: Iterable[str]) -> float:
-        """Age of the oldest of the readings, in its stale limits."""
-        return max((self.age(name) / self.device.registers[name].stale_s for name in names), default=0.0)
 
     def _judge(self, name: str, written: list[int] | None, held: list[int]) -> None:
         if written is None or written != self._written.get(name):

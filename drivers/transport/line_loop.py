@@ -68,7 +68,11 @@ class LineSelector(selectors.EpollSelector):
                 if served.port in ready and served.read():
                     break
                 now = time.monotonic()
-                if self._own in ready or now >= end:
+                if self._own in ready:
+                    break
+                if now >= end:
+                    if served.due_at <= now:  # within the wait, which took longer than asked: it does not wait for the next one
+                        served.write()
                     break
         except Exception as error:  # noqa: BLE001  the edge of what the event loop calls: told as it tells of its own callbacks
             failed, self._served = self._served, None
