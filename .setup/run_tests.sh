@@ -1,24 +1,29 @@
 #!/usr/bin/env bash
-# Runs pytest: with arguments just so; without, the whole suite as two processes side by side, one per core.
-# What computes goes into one, what talks over wires and to browsers into the other; the first one's report is printed when both have ended.
+# Runs pytest: with arguments just so; without, the whole suite as three processes, which tests/dealing.py deals the modules to.
+# One talks to services, wires and browsers, one computes, a third fills their gaps at a low priority. Their reports come one after the other.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 
 PYTHON=.venv/bin/python
+unset PYTHONDONTWRITEBYTECODE # hundreds of processes import the packages: they are compiled once
 if [ $# -gt 0 ]; then
     exec "$PYTHON" -m pytest "$@"
 fi
 
-COMPUTING=(tests/unit/planner tests/unit/sim tests/property tests/fuzz tests/unit/cellctl)
-REPORT=$(mktemp)
-trap 'rm -f "$REPORT"' EXIT
+FOLDER=$(mktemp -d)
+trap 'rm -rf "$FOLDER"' EXIT
+mkdir "$FOLDER/taken"
+DEALT=("$PYTHON" -m pytest -o console_output_style=classic -p no:cacheprovider -p tests.dealing --deal "$FOLDER/taken" --lane)
 
-"$PYTHON" -m pytest -p no:cacheprovider "${COMPUTING[@]}" >"$REPORT" 2>&1 &
-computing=$!
-"$PYTHON" -m pytest "${COMPUTING[@]/#/--ignore=}"
-wires=$?
-wait "$computing"
-computed=$?
-printf '\ntests: %s\n' "${COMPUTING[*]}"
-cat "$REPORT"
-[ "$wires" -eq 0 ] && [ "$computed" -eq 0 ]
+"${DEALT[@]}" computed >"$FOLDER/computed" 2>&1 &
+computed=$!
+nice -n 10 "${DEALT[@]}" gaps >"$FOLDER/gaps" 2>&1 &
+gaps=$!
+"${DEALT[@]}" served
+failed=$?
+for lane in computed gaps; do
+    wait "${!lane}" || failed=1
+    printf '\ntests beside these, %s:\n' "$lane"
+    cat "$FOLDER/$lane"
+done
+exit "$failed"

@@ -1,0 +1,87 @@
+"""Deals the test modules to several pytest processes: each takes the next that none has, so that all end together.
+
+`python -m pytest -p tests.dealing --deal FOLDER --lane served|computed|gaps`, once for each lane, with one empty folder for all.
+One lane talks to services, wires and browsers, which wait more than they compute, one computes; each goes on with what the other has
+left. The third is for the gaps of both, at a low priority: it takes short modules only, of those whose tests start no process.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+LANES = ("served", "computed", "gaps")
+SERVED = (
+    "tests/console/", "tests/wire/", "tests/cell/test_going_on_over_rest.py", "tests/cell/test_process.py",
+    "tests/cell/test_rest.py", "tests/cell/test_tutorial.py",
+)  # fmt: skip
+PURE = ("tests/property/", "tests/unit/drivers/", "tests/unit/planner/", "tests/unit/sim/")
+# Of each lane what takes ten seconds or more, longest first: it goes before all others, so that nobody waits for it at the end.
+LONGEST = (
+    "tests/cell/test_going_on_over_rest.py", "tests/console/test_console.py", "tests/cell/test_rest.py",
+    "tests/console/test_parts.py", "tests/console/test_going_on.py", "tests/console/test_view.py",
+    "tests/console/test_job_life.py", "tests/console/test_hand.py", "tests/cell/test_tutorial.py",
+    "tests/unit/cellctl/test_abuse_requests.py", "tests/unit/planner/test_model_closed.py",
+    "tests/unit/planner/test_layers_confirmed.py", "tests/unit/cellctl/test_api_schema.py",
+    "tests/unit/planner/test_nurbs_offset_curves.py", "tests/unit/cellctl/test_own_material.py",
+    "tests/unit/planner/test_proof_of_milling.py", "tests/unit/planner/test_nurbs_surface.py",
+    "tests/unit/planner/decompose/test_division.py", "tests/cell/test_emission.py", "tests/cell/test_going_on.py",
+    "tests/cell/test_stop.py", "tests/unit/planner/test_show.py", "tests/unit/planner/test_matching_walls.py",
+    "tests/unit/planner/test_pipeline.py", "tests/unit/planner/test_section_planes.py",
+    "tests/unit/planner/test_layers_handed_out.py",
+)  # fmt: skip
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Where the processes tell one another what they took, and which of them this one is."""
+    parser.addoption("--deal", type=Path, required=True, metavar="FOLDER", help="the same empty folder for all processes")
+    parser.addoption("--lane", choices=LANES, required=True, help="which modules this process takes, and in which order")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session: pytest.Session) -> bool:
+    """Run what this process takes, a module at a time."""
+    if session.testsfailed:
+        raise session.Interrupted(f"{session.testsfailed} errors while collecting")
+    items = taken(session)
+    item = next(items, None)
+    while item is not None:
+        following = next(items, None)
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+        if session.shouldfail:
+            raise session.Failed(session.shouldfail)
+        if session.shouldstop:
+            raise session.Interrupted(session.shouldstop)
+        item = following
+    return True
+
+
+def taken(session: pytest.Session) -> Iterator[pytest.Item]:
+    """The tests of each module that is taken; the next one is taken when the last test of this one is about to begin."""
+    folder: Path = session.config.getoption("deal")
+    modules: dict[str, list[pytest.Item]] = {}
+    for item in session.items:
+        modules.setdefault(item.nodeid.partition("::")[0], []).append(item)
+    for path in wanted(modules, session.config.getoption("lane")):
+        if take(folder / path.replace("/", ".")):
+            yield from modules[path]
+
+
+def take(claim: Path) -> bool:
+    """Whether nobody has taken it; this process has, from now on."""
+    try:
+        os.close(os.open(claim, os.O_CREAT | os.O_EXCL))
+    except FileExistsError:
+        return False
+    return True
+
+
+def wanted(paths: Iterable[str], lane: str) -> list[str]:
+    """What a lane takes if nobody has, in this order. Lane "gaps" begins at the other end than "computed"."""
+    longest_first = sorted(paths, key=lambda path: LONGEST.index(path) if path in LONGEST else len(LONGEST))
+    if lane == "gaps":
+        return [path for path in reversed(longest_first) if path.startswith(PURE) and path not in LONGEST]
+    return sorted(longest_first, key=lambda path: path.startswith(SERVED) != (lane == "served"))
