@@ -38,7 +38,7 @@ class Fleet(RuleBasedStateMachine):
         self.heard: dict[str, float] = {}
         self.up = dict.fromkeys(CELLS, True)
         self.held: dict[str, dict[str, JobState]] = {name: {} for name in CELLS}
-        self.claimed: dict[str, set[str]] = {name: set() for name in CELLS}
+        self.claimed: dict[str, dict[str, None]] = {name: {} for name in CELLS}
         self.started: dict[str, str] = {}
         self.jobs: list[str] = []
         for name in CELLS:
@@ -97,7 +97,7 @@ class Fleet(RuleBasedStateMachine):
     def work_on(self, data: st.DataObject) -> None:
         """One step of what a host believes to be working on, however late."""
         cell = data.draw(st.sampled_from([name for name in CELLS if self.held[name]]))
-        job_id = data.draw(st.sampled_from(sorted(self.held[cell])))
+        job_id = data.draw(st.sampled_from(list(self.held[cell])))
         steps = NEXT[self.held[cell][job_id]]
         before = self.job(job_id)
         try:
@@ -131,15 +131,15 @@ class Fleet(RuleBasedStateMachine):
             assert self.job(job_id) == before
         else:
             assert before.cell == cell and before.state is J.QUEUED
-            self.claimed[cell].add(job_id)
+            self.claimed[cell][job_id] = None
             self.heard[cell] = self.now
 
     @precondition(lambda self: any(self.claimed.values()))
     @rule(cell=cells, is_refused=st.booleans())
     def start(self, cell: str, is_refused: bool) -> None:
         """The cell process takes the start, or refuses it."""
-        for job_id in sorted(self.claimed[cell]):
-            self.claimed[cell].discard(job_id)
+        for job_id in list(self.claimed[cell]):
+            del self.claimed[cell][job_id]
             if is_refused and job_id not in self.started:
                 self.hosts[cell].withdraw(job_id)
             else:
@@ -149,7 +149,7 @@ class Fleet(RuleBasedStateMachine):
     @rule(data=st.data(), outcome=st.sampled_from((J.RUNNING, J.HELD, J.INTERRUPTED, J.COMPLETED)))
     def follow(self, data: st.DataObject, outcome: JobState) -> None:
         """The host follows what its cell does, whenever it is there to."""
-        job_id = data.draw(st.sampled_from(sorted(self.started)))
+        job_id = data.draw(st.sampled_from(list(self.started)))
         job, host = self.job(job_id), self.hosts[self.started[job_id]]
         steps = [J.RUNNING, outcome] if job.state is J.QUEUED and outcome is not J.RUNNING else [outcome]
         try:
