@@ -13,9 +13,12 @@ import pytest
 import pytest_asyncio
 import trimesh
 
+from cellctl.planning.pool.near import Pool
 from cellctl.planning.pool.order import CHUNK_BYTES
+from cellctl.planning.pool.wire import PoolWire
 from cellctl.planning.process import WorkerError, Workers
 from cellctl.planning.task import Task
+from tests.unit.cellctl import certificates
 from tests.unit.cellctl.planning_house import House, inspection, is_alive, pool_house, until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -158,3 +161,18 @@ async def test_plan_program_and_proof_are_those_of_this_machine(house: House, tm
             task = Task(folder=str(folder), parent=0, memory_bytes=0, part_name="chip", mesh=str(mesh), cell=cell, **step)
             made[-1].append((await engine.run(task, quiet), contents(task.folder)))
     assert made[0] == made[1]
+
+
+@pytest.mark.slow
+async def test_service_with_another_certificate_stays_outside(house: House, tmp_path: Path) -> None:
+    await until(lambda: house.pool.state.places >= 1, "a machine")
+    cert, key = certificates.make(tmp_path, "stranger")
+    (tmp_path / "files").mkdir()
+    stranger = Pool(PoolWire(house.wire.address, cert, key), tmp_path / "files", tmp_path, "0.1.0")
+    keeping = asyncio.create_task(stranger.keep())
+    try:
+        await until(lambda: "cannot be reached" in stranger.state.why, "the refusal")
+        assert stranger.state.machines == 0 and house.pool.state.places >= 1
+    finally:
+        keeping.cancel()
+        await asyncio.gather(keeping, return_exceptions=True)
