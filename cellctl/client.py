@@ -39,6 +39,7 @@ from cellctl.client_documents import (
     CellDocument,
     CommandAnswer,
     EventItem,
+    Fleet,
     Job,
     MaterialDocument,
     Part,
@@ -183,6 +184,10 @@ class Client:
     def cells(self) -> list[CellDocument]:
         """The cell files that services on this store ran."""
         return cast("list[CellDocument]", list(self.get("cells")["items"]))
+
+    def fleet(self) -> Fleet:
+        """The cells of the house: what each does, and how old that news is."""
+        return cast("Fleet", self.get("fleet"))
 
     def uploads(self) -> list[Upload]:
         """One's own uploads that came in pieces."""

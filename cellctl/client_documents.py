@@ -177,3 +177,38 @@ class CommandAnswer(TypedDict):
 
 
 ALL = (Finding, Part, JobError, Change, Dependency, Job, MaterialDocument, CellDocument, Upload, EventItem, ProgramHead, CommandAnswer)
+
+
+class FleetJob(TypedDict):
+    """The job on a cell. remaining_s : predicted"""
+
+    id: str
+    name: str
+    remaining_s: float | None
+
+
+class FleetCell(TypedDict):
+    """A cell of the house. path : of its console at the host that was asked; heard : living, silent or dead; age_s : since it was heard"""
+
+    cell: str
+    here: bool
+    path: str
+    url: str
+    state: str
+    because: str
+    job: FleetJob | None
+    alarms: int
+    queued: int
+    age_s: float
+    heard: str
+    software: str
+    facts: dict[str, Any]
+
+
+class Fleet(TypedDict):
+    """All cells of the house. unassigned : jobs for any cell that none was chosen for yet"""
+
+    shared: bool
+    here: str
+    unassigned: int
+    cells: list[FleetCell]

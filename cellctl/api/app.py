@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
+from starlette.routing import Mount
 
 from cellctl.api import (
     alarms,
@@ -16,6 +17,7 @@ from cellctl.api import (
     drawings,
     estimates,
     facts,
+    fleet,
     hand,
     health,
     job_life,
@@ -44,11 +46,15 @@ from cellctl.api.context import Service, Settings
 from cellctl.api.feed import Feed
 from cellctl.api.fleet_keeper import FleetKeeper
 from cellctl.api.fleet_telling import told_of
+from cellctl.api.forward_stop import Round
+from cellctl.api.forwarding import Forwarding
 from cellctl.api.metrics import Measure, Metrics
 from cellctl.api.page import Page
+from cellctl.api.page_hosts import PageHosts
 from cellctl.api.runs import Runs
 from cellctl.api.security import BodyLimit, Guard
 from cellctl.api.trend_keeper import TrendKeeper
+from cellctl.api.vouched import Vouched
 from cellctl.api.webhook_delivery import Deliveries
 from cellctl.domain.messages import Event
 from cellctl.domain.snapshot import Snapshot
@@ -86,6 +92,7 @@ ROUTES = (
     hand,
     measured,
     cell,
+    fleet,
     facts,
     users, tokens, audit_trail,
     health,
@@ -98,7 +105,9 @@ Errors are problem documents (RFC 9457). Lists come in pages: pass `next` on as 
 Every POST that makes something takes an `Idempotency-Key`: sent again it makes nothing twice. What is read carries an `ETag`:
 `If-None-Match` saves the body, `If-Match` at a change refuses one that was decided on an older state. What happens comes as server-sent
 events at `/api/v1/events/stream` (`Last-Event-ID`) and as a WebSocket at `/api/v1/live?from=N&jobs_from=M`:
-`{"type": "snapshot", "snapshot": …}` (newest wins), `{"type": "event", "event": …}` (in order) and `{"type": "job", "job": …}`."""
+`{"type": "snapshot", "snapshot": …}` (newest wins), `{"type": "event", "event": …}` (in order) and `{"type": "job", "job": …}`.
+
+Where cells share a store, this whole interface of another cell is at `/cells/NAME/api/v1/…`; `/api/v1/fleet` names the cells."""
 
 
 def build_service(settings: Settings) -> Service:
@@ -113,6 +122,7 @@ def build_service(settings: Settings) -> Service:
     workers = Workers(scratch, settings.worker_memory_bytes, settings.planning_slots)
     feed = Feed()
     runs: Runs
+    pages: PageHosts
 
     def on_snapshot(snapshot: Snapshot) -> None:
         feed.take_snapshot(snapshot)
@@ -124,8 +134,10 @@ def build_service(settings: Settings) -> Service:
     def on_connect() -> None:
         feed.look_in_store()
         runs.wake()
+        pages.tell_again()
 
     link = CellLink(settings.run / "cell.sock", on_snapshot, on_event, on_connect)
+    pages = PageHosts(link)
     runs = Runs(store, link, feed.take_job, standing.cell.by_hand, seat)
     pool = None
     if settings.pool is not None:
@@ -137,7 +149,7 @@ def build_service(settings: Settings) -> Service:
     previews = Previews(settings.worker_memory_bytes)
     keeper = FleetKeeper(store, lambda: told_of(settings, standing, link, seat), queue, feed.take_job)
     keeper.take()
-    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper, pool)
+    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper, pages, pool)
 
 
 def make_app(service: Service, bound_host: str, page: Page | None = None) -> FastAPI:
@@ -150,7 +162,8 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         keeper = TrendKeeper(service.store)
         own = (service.link.run(), service.queue.run(), service.runs.run(), service.fleet.run(), service.presence.run(service.store))
         letters = Deliveries(service.store, service.cell.name)
-        running = (*own, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), letters.run())
+        house = (service.neighbours.run(), service.page_hosts.run())
+        running = (*own, *house, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), letters.run())
         tasks = [asyncio.create_task(task) for task in running]
         if service.pool is not None:
             tasks.append(asyncio.create_task(service.pool.keep()))
@@ -163,6 +176,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
             await asyncio.gather(*tasks, return_exceptions=True)
             await service.previews.close()
             await service.deeds.close()
+            await forwarding.lanes.close()
             service.turnstile.close()
             await asyncio.to_thread(service.fleet.leave)
             service.store.close()
@@ -180,6 +194,8 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
     problems.install(app)
     for module in ROUTES:
         app.include_router(module.router)
+    forwarding = Forwarding(app, service.neighbours, lambda: service.store.clock(), page.of_cell, Round(service))
+    app.router.routes.append(Mount("/cells", app=forwarding))
     app.include_router(page.router)
     app.add_middleware(Conditional)
     app.add_middleware(
@@ -188,6 +204,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         resumable_limit_bytes=service.settings.resumable_limit_bytes,
         may_upload=lambda connection: sign_in.is_let_in(connection, service, Role.OPERATOR),
     )
+    app.add_middleware(Vouched, neighbours=service.neighbours, clock=lambda: service.store.clock(), on_page=service.page_hosts.seen)
     app.add_middleware(Measure, metrics=service.metrics)
     app.add_middleware(Guard, bound_host=bound_host, stop_url=service.stop_url, script_hashes=page.script_hashes, names=service.names)
     openapi.document_whole(app)

@@ -13,12 +13,16 @@ from cellctl.api.cell_link import CellLink
 from cellctl.api.deeds import Deeds
 from cellctl.api.feed import Feed
 from cellctl.api.fleet_keeper import FleetKeeper
+from cellctl.api.fleet_telling import SECRET
 from cellctl.api.incoming import Receiving
 from cellctl.api.metrics import Metrics
+from cellctl.api.neighbours import Neighbours
+from cellctl.api.page_hosts import PageHosts
 from cellctl.api.presence import Presence
 from cellctl.api.runs import Runs
 from cellctl.api.security import own_names
 from cellctl.api.turnstile import Turnstile
+from cellctl.api.vouched import word_of
 from cellctl.planning.pool.near import Pool
 from cellctl.planning.pool.wire import PoolWire
 from cellctl.planning.previews import Previews
@@ -74,12 +78,15 @@ class Service:
     metrics: Metrics
     previews: Previews
     fleet: FleetKeeper
+    page_hosts: PageHosts
     pool: Pool | None = None
     deeds: Deeds = field(default_factory=Deeds)
     keeping: Keeping = field(init=False)
+    neighbours: Neighbours = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "keeping", Keeping(self.store, self.workers))
+        object.__setattr__(self, "neighbours", Neighbours(self.standing.cell.name, self.store, SECRET))
     receiving: Receiving = field(default_factory=Receiving)
     presence: Presence = field(default_factory=Presence)
     turnstile: Turnstile = field(default_factory=Turnstile)
@@ -106,7 +113,13 @@ class Service:
         return "https" if self.settings.tls_cert is not None else "http"
 
     def stop_url(self, connection: HTTPConnection) -> str:
-        """Where the cell process listens for STOP, as seen from the page's host."""
+        """Where the cell that is asked for listens for STOP, as seen from the page's host; "" where another host alone knows that."""
+        word = word_of(connection.scope)
+        if word is not None:
+            return word.stop_url
+        other = self.neighbours.host_at(connection.scope["path"])
+        if other is not None:
+            return other.stop_url
         if self.settings.stop_url:
             return self.settings.stop_url
         name = connection.url.hostname or self.cell.service.host

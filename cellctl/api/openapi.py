@@ -41,6 +41,7 @@ TAGS = {
     "results": "Plan, program and proof as files and figures",
     "record": "What was commanded, read back and done by whom, sealed",
     "cell": "The cell's state, its commands, alarms, trends and consumables",
+    "fleet": "The cells that share this store",
     "by hand": "Places, purge and aiming beam",
     "facts": "Materials and cells by version",
     "webhooks": "Who outside is told what happens here",

@@ -1,14 +1,15 @@
-"""The operator's page: the files that were built, at `/`."""
+"""The operator's page: the files that were built, at `/`, and at `/cells/NAME/` as another cell's."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import re
+from html import escape
 from pathlib import Path
 
 from fastapi import APIRouter
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import FileResponse, HTMLResponse, Response
 from starlette.exceptions import HTTPException
 
 from cellctl.api.problems import ApiError
@@ -72,6 +73,14 @@ class Page:
                 "run `make console`; the REST interface works without it",
             )
         return FileResponse(path, media_type=MEDIA_TYPES[".html"], headers={"Cache-Control": "no-cache"})
+
+    def of_cell(self, stop_url: str) -> Response:
+        """The page of another cell. stop_url : of its STOP listener, which the page's own script reads before it has asked for anything"""
+        answer = self.index()
+        assert isinstance(answer, FileResponse)
+        html = Path(answer.path).read_text(encoding="utf-8")
+        told = f'<meta name="stop-url" content="{escape(stop_url)}">'
+        return HTMLResponse(html.replace("<head>", f"<head>{told}", 1), headers={"Cache-Control": "no-cache"})
 
     def file(self, path: str) -> Response:
         """A file of the page. A path that leads out of the folder is not found."""

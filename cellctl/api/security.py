@@ -15,6 +15,7 @@ from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cellctl.api.problems import Problem, response
+from cellctl.domain.cell_path import at_own_host
 
 LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 JSON_LIMIT_BYTES = 1 << 20  # of anything that is not an upload
@@ -220,8 +221,9 @@ class BodyLimit:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        is_piece = scope["method"] == "PATCH" and scope["path"].startswith(RESUMABLE_PATH)
-        is_file = scope["path"].rstrip("/") == UPLOAD_PATH or ATTACHMENT_PATH.fullmatch(scope["path"]) is not None
+        path = at_own_host(scope["path"])
+        is_piece = scope["method"] == "PATCH" and path.startswith(RESUMABLE_PATH)
+        is_file = path.rstrip("/") == UPLOAD_PATH or ATTACHMENT_PATH.fullmatch(path) is not None
         is_upload = is_piece or (is_file and scope["method"] == "POST")
         if is_upload:
             is_upload = await asyncio.to_thread(self.may_upload, HTTPConnection(scope))
@@ -258,7 +260,7 @@ class BodyLimit:
 
         if is_upload:
             await self.app(scope, InPieces(counted, self.precedence), send)
-        elif scope["method"] == "POST" and scope["path"].startswith(COMMAND_PATH):
+        elif scope["method"] == "POST" and path.startswith(COMMAND_PATH):
             with self.precedence.command():
                 await self.app(scope, counted, send)
         else:

@@ -61,6 +61,7 @@ class CellProcess:
         self._beat = Beat(cell.limits.tick_s)
         self._ipc = IpcServer(self.commands.handle, cell.name)
         self._stop_listener = self._listener(stop_host or cell.service.host, tls)
+        self.commands.on_pages = self._stop_listener.allow_pages
         self._stop_scheme = "http" if tls is None else "https"
         self._connection = Connection(self.controller, CellWires(cell, run_dir, self._clock), self._watch_cnc)
         self._watch: LineWatch | None = None

@@ -36,13 +36,16 @@ from planner.program import Program
 
 S, T = State, Trigger
 log = structlog.get_logger()
-PASSING = frozenset({"present", "jog_keep", "jog_end"})
-"""Signs of life: nothing to be written down, and nothing to be done once only."""
+PASSING = frozenset({"present", "jog_keep", "jog_end", "pages"})
+"""Signs of life, and where pages are: nothing to be written down, and nothing to be done once only."""
 ReadProgram = Callable[[Path], Awaitable[tuple[Program, str]]]
 
 
 class Commands:
-    """Carries commands out on a controller. read_program : directory -> (Program, sha256 of it), off the loop."""
+    """Carries commands out on a controller. read_program : directory -> (Program, sha256 of it), off the loop
+
+    on_pages : told the hosts whose pages may read what the STOP listener answers
+    """
 
     def __init__(self, controller: Controller, read_program: ReadProgram) -> None:
         self._c = controller
@@ -66,9 +69,11 @@ class Commands:
             "take_control": self._take_control,
             "release_control": self._release_control,
             "present": self._present,
+            "pages": self._pages,
             **HandCommands(controller, self._hands, self._drivers).verbs,
         }
         controller.control.on_taken = self._hands.end_jog
+        self.on_pages: Callable[[frozenset[str]], None] = lambda hosts: None
 
     async def handle(self, command: Command) -> Reply:
         """Carry out, make durable, answer. A repeated id gets the first answer."""
@@ -312,6 +317,10 @@ class Commands:
         return {"state": self._c.state.value}
 
     async def _present(self, command: Command) -> dict[str, Any]:
+        return {"state": self._c.state.value}
+
+    async def _pages(self, command: Command) -> dict[str, Any]:
+        self.on_pages(frozenset(str(host) for host in command.args.get("hosts", ())))
         return {"state": self._c.state.value}
 
     async def _record(self, command: Command) -> dict[str, Any]:

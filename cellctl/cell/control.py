@@ -11,7 +11,7 @@ from cellctl.domain.snapshot import Control
 from config.by_hand import ByHand
 from drivers.interfaces import Clock
 
-FREE = frozenset({"stop", "record", "acknowledge", "take_control", "release_control", "present"})
+FREE = frozenset({"stop", "record", "acknowledge", "take_control", "release_control", "present", "pages"})
 """Verbs that need no control. A stop is always possible (invariant 2)."""
 Tell = Callable[[str, str, dict[str, Any]], None]
 

@@ -51,10 +51,15 @@ class StopListener:
         self._stop = stop
         self._state = state
         self._host = host
+        self._pages: frozenset[str] = frozenset()
         self._servers: list[asyncio.Server] = []
         self.waiting: dict[
             asyncio.StreamWriter, None
         ] = {}  # connections whose request has not come whole, oldest first
+
+    def allow_pages(self, hosts: frozenset[str]) -> None:
+        """Let pages of these hosts read an answer, as pages of this host may: a page for this cell is open there."""
+        self._pages = hosts
 
     async def start(self, port: int) -> int:
         """Listen at the host, and on this machine; the port that was taken (0 asks for a free one). Raises OSError."""
@@ -128,7 +133,7 @@ class StopListener:
         except ValueError:
             return ""
         own = {self._host, "localhost", "127.0.0.1", "::1", headers.get("host", "").rsplit(":", 1)[0]}
-        return origin if host in own else ""
+        return origin if host in own or host in self._pages else ""
 
     async def _answer(self, method: str, path: str, body: bytes, who: str) -> tuple[int, dict[str, str]]:
         if method == "OPTIONS":

@@ -25,6 +25,10 @@ class StopThread:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="stop", daemon=True)
 
+    def allow_pages(self, hosts: frozenset[str]) -> None:
+        """As StopListener's."""
+        self._listener.allow_pages(hosts)
+
     async def start(self, port: int) -> int:
         """Listen; the port that was taken. Raises OSError."""
         self._home = asyncio.get_running_loop()

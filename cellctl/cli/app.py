@@ -10,6 +10,7 @@ from cellctl.cli import files, job_life, models, remote, service, tokens, users
 from cellctl.cli.audit import audit
 from cellctl.cli.backup import backup, restore
 from cellctl.cli.doctor import doctor
+from cellctl.cli.fleet import fleet
 from cellctl.cli.going_on import go_on
 from cellctl.cli.planning import planner_scheduler, planner_worker
 from cellctl.cli.prove import prove
@@ -35,8 +36,8 @@ COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
         job_life.retry, job_life.note,
     ),
     "Cell": (
-        remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position, remote.override,
-        remote.jog, remote.control,
+        fleet, remote.hold, remote.resume, remote.abort, remote.reset, remote.stop, remote.home, remote.unlock, remote.confirm_position,
+        remote.override, remote.jog, remote.control,
     ),
 }
 for panel, commands in COMMANDS.items():

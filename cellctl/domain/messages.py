@@ -20,13 +20,14 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 class Command(msgspec.Struct, frozen=True, tag=True):
     """A verb that names the end state: start hold resume abort stop reset home unlock confirm_position jog override record
-    acknowledge, and take_control release_control; jog_keep, jog_end and present are not written down.
+    acknowledge, and take_control release_control; jog_keep, jog_end, present and pages are not written down.
 
     id : chosen by the sender; the same id is carried out once
     args : start: {job, name, program (directory), confirmed_at (Unix time, s; left out: nobody is asked about the table),
     continues (job whose part stands on the table: that was confirmed then, not a clear table)};
     override: {feed_percent (10..200)}; acknowledge: {codes (of the alarms that were seen)};
     jog: {axis, distance, feed}, or {axis, distance (its sign counts), feed, continuous} to be kept up by jog_keep
+    pages: {hosts (of pages at other addresses that may read what the STOP listener answers)}
     client : which console, program or service of that person sends it; "": not told
     """
 

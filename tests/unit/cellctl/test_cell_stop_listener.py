@@ -74,6 +74,14 @@ async def test_the_consoles_origin_is_allowed_and_a_strangers_is_not(listening: 
     assert status == 204 and "POST" in preflight["access-control-allow-methods"]
 
 
+async def test_a_page_of_another_host_of_the_house_may_read_the_answer_once_the_listener_was_told_of_it(listening: Listening) -> None:
+    page = "http://north.example:8000"
+    assert "access-control-allow-origin" not in (await listening.ask(post(b"{}", page)))[1]
+    listening.listener.allow_pages(frozenset({"north.example"}))
+    assert (await listening.ask(post(b"{}", page)))[1]["access-control-allow-origin"] == page
+    assert "access-control-allow-origin" not in (await listening.ask(post(b"{}", "http://north.example.evil")))[1]
+
+
 async def test_health_tells_the_state(listening: Listening) -> None:
     status, _, body = await listening.ask(b"GET /healthz HTTP/1.1\r\n\r\n")
     assert (status, body) == (200, {"state": "RUNNING"})
