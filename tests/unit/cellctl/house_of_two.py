@@ -26,6 +26,7 @@ from cellctl.cell.stop_listener import StopListener
 from cellctl.domain.messages import Command, Reply
 from cellctl.store import tokens
 from cellctl.store.fleet import Told
+from cellctl.store.owner import owner_of
 from cellctl.store.schema import fleet
 from cellctl.store.tokens import Role
 from config import find_facts
@@ -87,16 +88,14 @@ class House:
         host = self.hosts[cell]
         at = {"host_url": host.url if url is None else url, "stop_url": host.stop_url if stop_url is None else stop_url}
         doing = {"job": "", "because": f"{cell} waits", "alarms": 0}
-        told = Told(cell, cell, secret=host.service.neighbours.secret, state="IDLE", doing=doing, **at)
+        told = Told(cell, owner_of(host.service.settings.store), secret=host.service.neighbours.secret, state="IDLE", doing=doing, **at)
         host.service.fleet._told = lambda: told
         host.service.fleet.take()
         for one in self.hosts.values():
             self.run(one.service.neighbours.read())
 
     def age(self, cell: str, seconds: float) -> None:
-        """The cell was heard so long ago, and is heard no more until it tells again."""
-        keeper = self.hosts[cell].service.fleet
-        keeper._told = lambda: Told(cell, "another owner")
+        """The cell was heard so long ago."""
         with self.hosts[cell].service.store.write() as rows:
             rows.execute(fleet.update().where(fleet.c.cell == cell).values(heard_at=self.hosts[cell].service.store.clock() - seconds))
 
@@ -134,6 +133,7 @@ async def _host(folder: Path, name: str, ending: asyncio.Event) -> OneHost:
     settings = Settings(folder / "store", run, _cell_file(folder, name), upload_limit_bytes=2_000_000)
     service = build_service(settings)
     service.queue._slots = 0
+    service.fleet.run = asyncio.Event().wait  # type: ignore[method-assign, assignment]  # rows are written by the tests alone
     far = Heard(folder / "store", service.store.clock)
     await far.open(run / "cell.sock")
     stops: list[tuple[str, str]] = []
