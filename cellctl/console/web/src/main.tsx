@@ -10,6 +10,7 @@ import { listenForKeys } from "./frame/shortcuts";
 import { isConnected, lastSeq, take, takeEvents } from "./state/cell";
 import { keepPresent } from "./state/control";
 import { readJobs, takeJob } from "./state/jobs";
+import { followFleet } from "./state/fleet";
 import { followPlan } from "./state/plan";
 import { restore, session } from "./state/session";
 import { record } from "./state/trends";
@@ -24,6 +25,7 @@ import "./styles/parts.css";
 import "./styles/alarms.css";
 import "./styles/trends.css";
 import "./styles/people.css";
+import "./styles/cells.css";
 
 const RETRY_MS = 2000;
 
@@ -62,6 +64,7 @@ effect(() => {
   }
 });
 followPlan();
+followFleet();
 keepPresent();
 listenForKeys(openMenu);
 void begin();

@@ -1,6 +1,9 @@
 // Requests to the service. Whatever it refuses becomes a RequestError that carries its problem document.
 import type { Problem } from "./types";
 import { words } from "../words";
+import { api, houseApi } from "./base";
+
+const OF_HOUSE = /^\/(session|fleet)\b/;
 
 /** A refused or failed request, in words for the operator. status 0: no answer. */
 export class RequestError extends Error {
@@ -39,7 +42,7 @@ export async function checked(path: string, init: RequestInit, isFirst = true): 
   const headers: Record<string, string> = { ...(init.headers as Record<string, string> | undefined), "X-Client-Id": clientId };
   if (init.method && init.method !== "GET") headers["X-CSRF-Token"] = csrf;
   try {
-    answer = await fetch(`/api/v1${path}`, { credentials: "same-origin", ...init, headers });
+    answer = await fetch(`${OF_HOUSE.test(path) ? houseApi : api}${path}`, { credentials: "same-origin", ...init, headers });
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw error;
     throw new RequestError(0, { title: words.problems.noAnswer, detail: words.problems.noAnswerDetail });

@@ -1,5 +1,6 @@
 // The live feed: one WebSocket that comes back by itself and misses no event.
 import type { CellEvent, Job, LiveMessage, Page, Snapshot } from "./types";
+import { api } from "./base";
 import { get } from "./http";
 
 const FIRST_WAIT_MS = 250;
@@ -51,7 +52,7 @@ export class Live {
     if (this.isClosed) return;
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const seq = this.listener.lastSeq();
-    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/live${seq === null ? "" : `?from=${seq}`}`);
+    const socket = new WebSocket(`${scheme}://${location.host}${api}/live${seq === null ? "" : `?from=${seq}`}`);
     this.socket = socket;
     socket.onopen = () => {
       this.heardAt = performance.now();

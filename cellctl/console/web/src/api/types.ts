@@ -400,6 +400,29 @@ export interface ProgramHead {
   lines_total: number;
 }
 
+/** A cell of the house. age_s: since its service was heard, when this was read */
+export interface FleetCell {
+  cell: string;
+  here: boolean;
+  path: string;
+  url: string;
+  state: string;
+  because: string;
+  job: { id: string; name: string; remaining_s: number | null } | null;
+  alarms: number;
+  queued: number;
+  age_s: number;
+  heard: "living" | "silent" | "dead";
+  software: string;
+}
+
+export interface Fleet {
+  shared: boolean;
+  here: string;
+  unassigned: number;
+  cells: FleetCell[];
+}
+
 export interface Page<T> {
   items: T[];
   next: string | null;

@@ -3,6 +3,7 @@ import { dataAge, isStale, snapshot } from "../state/cell";
 import { cause, next, tone } from "../state/meaning";
 import { words } from "../words";
 import { age, duration } from "../words/format";
+import { CellName } from "./CellName";
 import { Controls } from "./Controls";
 import { Sign } from "./Signs";
 
@@ -12,6 +13,7 @@ export function Bar() {
   return (
     <header class={`bar tone-${tone.value} ${isStale.value ? "is-stale" : ""}`} aria-label={say.region}>
       <StateWord />
+      <CellName />
       <Remaining />
       <Reasons />
       <Progress />

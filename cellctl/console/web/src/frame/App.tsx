@@ -2,6 +2,7 @@
 import { useErrorBoundary } from "preact/hooks";
 import { AlarmBanner } from "../bar/AlarmBanner";
 import { Bar } from "../bar/Bar";
+import { Cells } from "../cells/Cells";
 import { Alarms } from "../alarms/Alarms";
 import { Hand } from "../hand/Hand";
 import { Jobs } from "../jobs/Jobs";
@@ -20,7 +21,7 @@ import { Rail } from "./Rail";
 import { SignIn } from "./SignIn";
 import { TrendPage } from "../trends/TrendPage";
 
-const BODIES: Record<PageName, () => preact.JSX.Element | null> = { machine: Machine, hand: Hand, jobs: Jobs, parts: Parts, alarms: Alarms, log: TrendPage };
+const BODIES: Record<PageName, () => preact.JSX.Element | null> = { machine: Machine, hand: Hand, jobs: Jobs, parts: Parts, alarms: Alarms, log: TrendPage, cells: Cells };
 
 export function App() {
   if (session.value === undefined) return <main class="sign-in" />;

@@ -6,7 +6,7 @@ import { session, signOut } from "../state/session";
 import { changeTheme, theme } from "../state/theme";
 import { words } from "../words";
 import { openPeople } from "../people/People";
-import { hasLetterKeys, SHORTCUTS } from "./shortcuts";
+import { hasLetterKeys, shortcuts } from "./shortcuts";
 
 const say = words.frame;
 
@@ -52,7 +52,7 @@ function Menu() {
       </div>
       <h3>{say.keys}</h3>
       <dl class="key-list">
-        {SHORTCUTS.map(({ key, name }) => (
+        {shortcuts.value.map(({ key, name }) => (
           <div key={key}>
             <dt>
               <kbd>{key}</kbd>

@@ -1,7 +1,8 @@
 // The pages, as a rail beside the page or, on a phone, as a bar below it.
 import { snapshot } from "../state/cell";
+import { alarmsElsewhere } from "../state/fleet";
 import { waiting } from "../state/jobs";
-import { open, page, PAGES, type PageName } from "../state/pages";
+import { open, page, pages, type PageName } from "../state/pages";
 import { words } from "../words";
 
 const ICONS: Record<PageName, string> = {
@@ -10,6 +11,7 @@ const ICONS: Record<PageName, string> = {
   jobs: "M5 4h14v16H5zM8.5 9h7M8.5 13h7M8.5 17h4",
   parts: "M12 3l8 4.5v9L12 21l-8-4.5v-9zM4 7.5l8 4.5 8-4.5M12 12v9",
   alarms: "M12 4l9 16H3zM12 10v5M12 17.5v.1",
+  cells: "M4 4h7v7H4zM13 4h7v7h-7zM4 13h7v7H4zM13 13h7v7h-7z",
   log: "M4 6h.1M4 12h.1M4 18h.1M8 6h12M8 12h12M8 18h12",
 };
 const STEPS: Record<string, number> = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 };
@@ -17,8 +19,8 @@ const STEPS: Record<string, number> = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 
 function move(event: KeyboardEvent): void {
   const step = STEPS[event.key];
   if (!step) return;
-  const at = PAGES.findIndex(({ name }) => name === page.value);
-  const next = PAGES[(at + step + PAGES.length) % PAGES.length];
+  const at = pages.value.findIndex(({ name }) => name === page.value);
+  const next = pages.value[(at + step + pages.value.length) % pages.value.length];
   if (!next) return;
   event.preventDefault();
   open(next.name);
@@ -27,6 +29,7 @@ function move(event: KeyboardEvent): void {
 
 /** How many things on a page wait for a person. */
 function calls(name: PageName): number {
+  if (name === "cells") return alarmsElsewhere.value;
   if (name === "alarms") return snapshot.value?.alarms.length ?? 0;
   const { table, approval } = waiting.value;
   return name === "jobs" ? Number(Boolean(table)) + Number(Boolean(approval)) : 0;
@@ -35,7 +38,7 @@ function calls(name: PageName): number {
 export function Rail() {
   return (
     <div class="rail" role="tablist" aria-orientation="vertical" aria-label={words.frame.tabsAria} onKeyDown={move}>
-      {PAGES.map(({ name }) => (
+      {pages.value.map(({ name }) => (
         <button
           type="button"
           role="tab"
@@ -50,7 +53,7 @@ export function Rail() {
             <path d={ICONS[name]} />
           </svg>
           <span>{words.frame.tabs[name]}</span>
-          {calls(name) > 0 && <i class={`count count-${name}`}>{calls(name)}</i>}
+          {calls(name) > 0 && <i class={`count count-${name === "cells" ? "alarms" : name}`}>{calls(name)}</i>}
         </button>
       ))}
     </div>

@@ -1,8 +1,8 @@
 // Keys that work on every page. None of them moves or lights anything: they stop, hold, or look.
-import { effect, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import { hold } from "../bar/Controls";
 import { closeDialog, dialog } from "../state/dialog";
-import { open, PAGES } from "../state/pages";
+import { open, pages } from "../state/pages";
 import { session } from "../state/session";
 import { words } from "../words";
 
@@ -10,13 +10,13 @@ const KEPT = "letter-keys";
 const say = words.frame;
 
 /** F9 is STOP's own, in index.html. */
-export const SHORTCUTS: readonly { key: string; name: string }[] = [
+export const shortcuts = computed<readonly { key: string; name: string }[]>(() => [
   { key: "F9", name: say.keyNames.stop },
   { key: "F8", name: say.keyNames.hold },
-  { key: `1 – ${PAGES.length}`, name: say.keyNames.pages },
+  { key: `1 – ${pages.value.length}`, name: say.keyNames.pages },
   { key: "?", name: say.keyNames.menu },
   { key: "Esc", name: say.keyNames.close },
-];
+]);
 
 function remembered(): boolean {
   try {
@@ -48,7 +48,7 @@ function pressed(event: KeyboardEvent, openMenu: () => void): void {
   } else if (event.key === "Escape") {
     closeDialog();
   } else if (hasLetterKeys.peek() && !isTyping(event.target) && !dialog.peek()) {
-    const page = PAGES[Number(event.key) - 1];
+    const page = pages.peek()[Number(event.key) - 1];
     if (page) open(page.name);
     else if (event.key === "?") openMenu();
   }

@@ -1,5 +1,6 @@
 // One job: what it is, what was found, what the proof says, and what a person may do with it.
 import { useEffect, useState } from "preact/hooks";
+import { api } from "../api/base";
 import { get, post } from "../api/http";
 import type { Job, Part } from "../api/types";
 import { chosen, takeJob } from "../state/jobs";
@@ -150,7 +151,7 @@ function Actions({ job }: { job: Job }) {
         </button>
       )}
       {job.approved_by && (
-        <a class="control" href={`/api/v1/jobs/${encodeURIComponent(job.id)}/record?format=html`} target="_blank" rel="noopener">
+        <a class="control" href={`${api}/jobs/${encodeURIComponent(job.id)}/record?format=html`} target="_blank" rel="noopener">
           {say.record}
         </a>
       )}

@@ -2,6 +2,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { get, newKey, post, postForm } from "../api/http";
 import type { Job, Page, Part } from "../api/types";
+import { CellChoice, cellOf } from "../cells/CellChoice";
 import { takeJob } from "../state/jobs";
 import { noticeOf, type Notice } from "../state/notices";
 import { words } from "../words";
@@ -33,7 +34,7 @@ async function submit(form: HTMLFormElement): Promise<Job> {
     tolerance_mm: Number(given.get("tolerance")),
   };
   const name = String(given.get("name")).trim();
-  return post<Job>("/jobs", { part_id: part.id, recipe, ...(name ? { name } : {}) }, newKey("job"));
+  return post<Job>("/jobs", { part_id: part.id, recipe, ...cellOf(given), ...(name ? { name } : {}) }, newKey("job"));
 }
 
 export function NewJob({ done }: { done: (job: string | null) => void }) {
@@ -80,6 +81,7 @@ export function NewJob({ done }: { done: (job: string | null) => void }) {
       </label>
       <div class="form-grid">
         <Choice label={say.material} name="material" options={materials.map((name) => [name, name])} />
+        <CellChoice />
         <Choice label={say.process} name="process" options={Object.entries(say.processes)} />
         <Choice label={say.direction} name="direction" options={Object.entries(say.directions)} />
         <label>

@@ -1,5 +1,6 @@
 // What the twin says: verdict, reasons, figures, findings, the picture and the report to print.
 import { useEffect, useState } from "preact/hooks";
+import { api } from "../api/base";
 import { get } from "../api/http";
 import type { Job, ProofDocument } from "../api/types";
 import { told } from "../state/notices";
@@ -25,7 +26,7 @@ export function Proof({ job }: { job: Job }) {
     return () => aborter.abort();
   }, [job.id]);
   const passed = job.proof?.passed === true;
-  const root = `/api/v1/jobs/${encodeURIComponent(job.id)}/proof`;
+  const root = `${api}/jobs/${encodeURIComponent(job.id)}/proof`;
   return (
     <section class="panel proof">
       <div class="panel-head">

@@ -1,5 +1,6 @@
 // What people leave at a job: notes in their order, and files.
 import { useRef, useState } from "preact/hooks";
+import { api } from "../api/base";
 import { newKey, post, postForm } from "../api/http";
 import type { Job, JobAttachment, JobNote } from "../api/types";
 import { told } from "../state/notices";
@@ -85,8 +86,8 @@ export function Attachments({ job }: { job: Job }) {
       <ul class="attachments">
         {files?.items.map((one) => (
           <li key={one.id}>
-            {one.is_image && <img src={`/api/v1${path}/${one.id}?show=true`} alt={one.name} loading="lazy" />}
-            <a href={`/api/v1${path}/${one.id}`} download={one.name}>
+            {one.is_image && <img src={`${api}${path}/${one.id}?show=true`} alt={one.name} loading="lazy" />}
+            <a href={`${api}${path}/${one.id}`} download={one.name}>
               {one.name}
             </a>
             <span class="muted">

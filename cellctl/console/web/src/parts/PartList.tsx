@@ -1,5 +1,6 @@
 // All parts with small pictures, found by name, and the place to drop new ones.
 import { useEffect, useState } from "preact/hooks";
+import { api } from "../api/base";
 import { get } from "../api/http";
 import type { Page, Part } from "../api/types";
 import { noticeOf, type Notice } from "../state/notices";
@@ -71,7 +72,7 @@ function Card({ part }: { part: Part }) {
           go(to);
         }}
       >
-        <img src={`/api/v1/parts/${encodeURIComponent(part.id)}/thumbnail`} alt="" width={120} height={90} loading="lazy" />
+        <img src={`${api}/parts/${encodeURIComponent(part.id)}/thumbnail`} alt="" width={120} height={90} loading="lazy" />
         <span class="card-text">
           <b>{part.name}</b>
           <span class="muted">{sizeText(box, 1)}</span>

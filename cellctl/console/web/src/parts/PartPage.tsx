@@ -1,6 +1,7 @@
 // One part: how it looks, what was found in it, what it would take, and submitting it.
 import { useState } from "preact/hooks";
 import { newKey, post } from "../api/http";
+import { CellChoice, cellOf } from "../cells/CellChoice";
 import type { Job, Page, Part } from "../api/types";
 import { newestFirst, takeJob } from "../state/jobs";
 import { noticeOf, type Notice } from "../state/notices";
@@ -142,10 +143,11 @@ function Submit({ part, recipe }: { part: Part; recipe: Recipe | null }) {
   if (!isOperator.value) return <p class="muted">{say.noUpload}</p>;
   const submit = async (event: Event) => {
     event.preventDefault();
+    const cell = cellOf(new FormData(event.currentTarget as HTMLFormElement));
     setBusy(true);
     setProblem(null);
     try {
-      const job = await post<Job>("/jobs", { part_id: part.id, recipe, ...(name.trim() ? { name: name.trim() } : {}) }, newKey("job"));
+      const job = await post<Job>("/jobs", { part_id: part.id, recipe, ...cell, ...(name.trim() ? { name: name.trim() } : {}) }, newKey("job"));
       takeJob(job);
       go({ view: "plan", job: job.id });
     } catch (error) {
@@ -160,6 +162,7 @@ function Submit({ part, recipe }: { part: Part; recipe: Recipe | null }) {
           {say.jobName}
           <input value={name} maxLength={200} onInput={(event) => setName(event.currentTarget.value)} />
         </label>
+        <CellChoice />
         <button type="submit" class="control primary" disabled={busy || !recipe}>
           {say.submit}
         </button>

@@ -1,4 +1,5 @@
 // What the twin measured against what is allowed, what it found, and where to read all of it.
+import { api } from "../api/base";
 import type { Job, ProofDocument } from "../api/types";
 import { Findings } from "../jobs/Findings";
 import { words } from "../words";
@@ -38,7 +39,7 @@ export function boundRows(proof: ProofFigures): Row[] {
 export function ProofReport({ job }: { job: Job }) {
   const { found: proof, problem } = useAsked<ProofFigures & ProofDocument>(job.proof_sha256 ? `/jobs/${job.id}/proof` : null);
   if (!job.proof_sha256) return null;
-  const root = `/api/v1/jobs/${encodeURIComponent(job.id)}/proof`;
+  const root = `${api}/jobs/${encodeURIComponent(job.id)}/proof`;
   return (
     <section class="panel proof-page" aria-label={say.title}>
       <div class="panel-head">

@@ -3,11 +3,18 @@ import { computed, signal } from "@preact/signals";
 import { get } from "../api/http";
 import type { Job, Page } from "../api/types";
 import { snapshot } from "./cell";
+import { hereCell, isShared } from "./fleet";
 
 const LISTED = 50;
 
 export const jobs = signal<ReadonlyMap<string, Job>>(new Map());
-export const newestFirst = computed(() => [...jobs.value.values()].sort((a, b) => b.created_at - a.created_at));
+
+/** Whether a job belongs on the page of this cell: it is this cell's, or no cell was chosen for it yet. */
+function isHere(job: Job): boolean {
+  return !isShared.value || job.cell === "" || job.cell === hereCell.value;
+}
+
+export const newestFirst = computed(() => [...jobs.value.values()].filter(isHere).sort((a, b) => b.created_at - a.created_at));
 
 /** The job that a person opened, null if none. */
 export const chosen = signal<string | null>(null);

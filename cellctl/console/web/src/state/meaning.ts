@@ -27,7 +27,10 @@ const TONES: Record<string, Tone> = {
   RESETTING: "wait",
 };
 
-export const tone = computed<Tone>(() => TONES[snapshot.value?.state ?? ""] ?? "off");
+/** The tone of a state's name; "off" for one that is not known. */
+export const toneOf = (state: string): Tone => TONES[state] ?? "off";
+
+export const tone = computed<Tone>(() => toneOf(snapshot.value?.state ?? ""));
 export const isLatched = computed(() => ["FAULT", "STOPPED"].includes(snapshot.value?.state ?? ""));
 
 /** Why the cell is in this state: the first alarm, what it waits for, or who said so. */

@@ -1,10 +1,11 @@
 // Which page is open, and which pages there are.
 import { computed, signal } from "@preact/signals";
+import { isShared } from "./fleet";
 
-export type PageName = "machine" | "hand" | "jobs" | "parts" | "alarms" | "log";
+export type PageName = "machine" | "hand" | "jobs" | "parts" | "alarms" | "log" | "cells";
 
 /** In the order of the rail. wide : the page takes the whole width; the 3-D view and the trends stand beside the others. */
-export const PAGES: readonly { name: PageName; wide: boolean }[] = [
+const OF_ONE: readonly { name: PageName; wide: boolean }[] = [
   { name: "machine", wide: false },
   { name: "hand", wide: true },
   { name: "jobs", wide: false },
@@ -13,10 +14,13 @@ export const PAGES: readonly { name: PageName; wide: boolean }[] = [
   { name: "log", wide: true },
 ];
 
+/** The cells of the house are a page where there are several. */
+export const pages = computed(() => (isShared.value ? [...OF_ONE, { name: "cells" as const, wide: true }] : OF_ONE));
+
 const opened = signal<PageName>("machine");
 
 export const page = computed(() => opened.value);
-export const isWide = computed(() => PAGES.some(({ name, wide }) => wide && name === opened.value));
+export const isWide = computed(() => pages.value.some(({ name, wide }) => wide && name === opened.value));
 
 /** Open a page. */
 export function open(name: PageName): void {

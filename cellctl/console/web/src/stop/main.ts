@@ -1,11 +1,12 @@
 // STOP: from the finger to the cell process's own listener, whatever the rest of the page does.
+import { api, base } from "../api/base";
 import { language } from "../words/language";
 import { stopWords as say } from "../words/stop";
 
 const REPEAT_MS = 200; // until acknowledged
 const ANSWER_MS = 1000; // an attempt that takes longer is given up
 const USE_ESTOP_MS = 2000; // unacknowledged for this long: the hardware chain is the way
-const WEB_AFTER_MS = 400; // from here on also by way of the web process
+const WEB_AFTER_MS = base ? 0 : 400; // from here on also by way of the web process; another cell's listener may not be reached from here
 const ABOUT_MS = 5000; // between questions where the listener is
 const STOP_KEY = "F9"; // works wherever the focus is
 const SHOWN_MS = 15000; // how long an acknowledgement stays readable
@@ -18,8 +19,13 @@ interface Press {
 
 const button = document.getElementById("stop-button") as HTMLButtonElement;
 const said = document.getElementById("stop-said") as HTMLOutputElement;
-let listener = nextPort();
+let listener = base ? toldInPage() : nextPort();
 let press: Press | null = null;
+
+/** Where the listener of another cell is, as the host of this page knows it; "": it is not known, and no other cell's will do. */
+function toldInPage(): string {
+  return document.querySelector<HTMLMetaElement>('meta[name="stop-url"]')?.content ?? "";
+}
 
 /** Where the listener is by default: the port after the page's own. */
 function nextPort(): string {
@@ -72,8 +78,8 @@ function again(mine: Press): void {
   if (mine.done || press !== mine) return;
   const elapsed = performance.now() - mine.at;
   const body = { id: mine.id, because: say.because };
-  void attempt(listener, mine, body, false);
-  if (elapsed >= WEB_AFTER_MS) void attempt("/api/v1/cell/stop", mine, body, true);
+  if (listener) void attempt(listener, mine, body, false);
+  if (elapsed >= WEB_AFTER_MS) void attempt(`${api}/cell/stop`, mine, body, true);
   show(elapsed >= USE_ESTOP_MS ? say.lost(elapsed) : say.sent, elapsed >= USE_ESTOP_MS ? "lost" : "sent");
   setTimeout(() => again(mine), REPEAT_MS);
 }
@@ -87,7 +93,7 @@ function pressed({ timeStamp: at }: Event): void {
 
 async function ask(): Promise<void> {
   try {
-    const answer = await fetch("/api/v1/cell/about", { cache: "no-store" });
+    const answer = await fetch(`${api}/cell/about`, { cache: "no-store" });
     if (!answer.ok) throw new Error(String(answer.status));
     const about = (await answer.json()) as { stop_url?: string };
     if (about.stop_url) listener = about.stop_url;

@@ -1,5 +1,6 @@
 // Name of what is shown, its colouring, the camera's places, and what else is drawn.
 import { signal } from "@preact/signals";
+import { api } from "../api/base";
 import { shown } from "../state/jobs";
 import { plan } from "../state/plan";
 import { words } from "../words";
@@ -14,7 +15,7 @@ function choose(event: Event): void {
   quantity.value = (event.currentTarget as HTMLSelectElement).value as Quantity;
   const job = shown.peek();
   if (quantity.value === "deviation" && job?.proof_sha256) {
-    drawing.peek()?.surface.load(`/api/v1/jobs/${job.id}/proof/surface?of=${job.proof_sha256}`);
+    drawing.peek()?.surface.load(`${api}/jobs/${job.id}/proof/surface?of=${job.proof_sha256}`);
   }
 }
 

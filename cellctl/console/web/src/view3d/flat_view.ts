@@ -1,4 +1,5 @@
 // A layer drawn flat, seen against the direction in which it grows, where the browser has no WebGL.
+import { api } from "../api/base";
 import type { Vector } from "../api/types";
 import type { PlanOfJob } from "../state/plan";
 import { colour } from "../state/theme";
@@ -48,7 +49,7 @@ export class FlatView {
     this.aborter.abort();
     this.aborter = new AbortController();
     try {
-      const url = `/api/v1/jobs/${shown.job}/plan/layers/${layer}/geometry?of=${shown.sha256}`;
+      const url = `${api}/jobs/${shown.job}/plan/layers/${layer}/geometry?of=${shown.sha256}`;
       this.made = await this.loader.ask({ kind: "layer", url }, this.aborter.signal);
       this.paint();
     } catch {

@@ -1,4 +1,5 @@
 // The drawn plan: stage, layers, metal, part, tool and as-built surface together, as they are told to be.
+import { api } from "../api/base";
 import type { CellFacts } from "../api/types";
 import { told } from "../state/notices";
 import type { PlanOfJob } from "../state/plan";
@@ -106,7 +107,7 @@ export class PlanView {
     this.setProgram("");
     let count = 0;
     this.firsts = (shown?.plan.layers ?? []).map((layer) => (count += layer.operations.length) - layer.operations.length);
-    const root = shown ? `/api/v1/jobs/${shown.job}/plan` : "";
+    const root = shown ? `${api}/jobs/${shown.job}/plan` : "";
     this.layers.setPlan(root, shown?.sha256 ?? "", this.firsts);
     if (!shown) return this.stage.draw();
     const [low, high] = shown.plan.bounds;
@@ -119,7 +120,7 @@ export class PlanView {
     const { job, sha256, plan } = this.shown!;
     const normals = Float32Array.from(plan.layers.flatMap((layer) => layer.bottom.slice(3)));
     const beadPieces = this.stage.isSoftware ? BEADS_SOFTWARE : BEADS_HARDWARE;
-    return { kind: "whole", url: `/api/v1/jobs/${job}/plan/geometry?of=${sha256}`, normals, beadPieces };
+    return { kind: "whole", url: `${api}/jobs/${job}/plan/geometry?of=${sha256}`, normals, beadPieces };
   }
 
   private wholeCame(made: Made): void {

@@ -1,4 +1,5 @@
 // A program by time and by line: which layer, which pass, how far along it, and where everything is then.
+import { api } from "../api/base";
 import { get } from "../api/http";
 import type { Vector } from "../api/types";
 import { Asking } from "./asking";
@@ -81,7 +82,7 @@ export class Track {
   /** Raises RequestError. */
   static async of(job: string, sha256: string, loader: Loader, changed: () => void): Promise<Track> {
     const index = await get<TrackIndex>(`/jobs/${job}/program/track?of=${sha256}`);
-    return new Track(index, `/api/v1/jobs/${job}/program/track`, sha256, loader, changed);
+    return new Track(index, `${api}/jobs/${job}/program/track`, sha256, loader, changed);
   }
 
   /** Where the program is at a time; null until its layer's lines are here (they are asked for). */

@@ -1,6 +1,7 @@
 // Every word that the operator reads, in German. The shape is that of en.ts.
 import { alarms as alarmPage } from "./alarms.de";
 import { cell } from "./cell.de";
+import { cells } from "./cells.de";
 import type { words as english } from "./en";
 import { decimal } from "./format";
 import { goingOn } from "./going_on.de";
@@ -23,6 +24,7 @@ const process: Record<string, string> = {
 export const words: typeof english = {
   alarmPage,
   cell,
+  cells,
   hand,
   parts,
   trendPage,
@@ -137,7 +139,7 @@ export const words: typeof english = {
     dark: "Dunkel",
     themeAria: "Zwischen dunkel und hell wechseln",
     roles: { viewer: "Zuschauer", operator: "Bediener", engineer: "Ingenieur", admin: "Verwalter" },
-    tabs: { machine: "Maschine", hand: "Von Hand", jobs: "Aufträge", parts: "Teile", alarms: "Alarme", log: "Verläufe" },
+    tabs: { machine: "Maschine", hand: "Von Hand", jobs: "Aufträge", parts: "Teile", alarms: "Alarme", log: "Verläufe", cells: "Zellen" },
     tabsAria: "Seiten",
     dismiss: "Schließen",
     skip: "Zur Seite springen",

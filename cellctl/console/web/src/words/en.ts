@@ -1,6 +1,7 @@
 // Every word that the operator reads, in one language. Another language is another file of this shape.
 import { alarms as alarmPage } from "./alarms.en";
 import { cell } from "./cell.en";
+import { cells } from "./cells.en";
 import { goingOn } from "./going_on";
 import { hand } from "./hand.en";
 import { jobs } from "./jobs.en";
@@ -21,6 +22,7 @@ const process: Record<string, string> = {
 export const words = {
   alarmPage,
   cell,
+  cells,
   hand,
   parts,
   trendPage,
@@ -135,7 +137,7 @@ export const words = {
     dark: "Dark",
     themeAria: "Change between dark and light",
     roles: { viewer: "viewer", operator: "operator", engineer: "engineer", admin: "admin" } as Record<string, string>,
-    tabs: { machine: "Machine", hand: "By hand", jobs: "Jobs", parts: "Parts", alarms: "Alarms", log: "Trends" },
+    tabs: { machine: "Machine", hand: "By hand", jobs: "Jobs", parts: "Parts", alarms: "Alarms", log: "Trends", cells: "Cells" },
     tabsAria: "Pages",
     dismiss: "Dismiss",
     skip: "Go to the page",
