@@ -7,11 +7,12 @@ from typing import Any
 
 from fastapi import APIRouter
 
-from cellctl.api.context import Service, software_version
+from cellctl.api.context import Service
 from cellctl.api.models_fleet import Fleet, FleetCell, FleetJob
 from cellctl.api.problems import DOCUMENTED
 from cellctl.api.sign_in import ServiceOf, Viewer
 from cellctl.domain import cell_path
+from cellctl.planning.keys import software_version
 from cellctl.store import cell_queues, fleet
 from cellctl.store.fleet import Member
 

@@ -25,7 +25,7 @@ PIECES, PIECE = 24, 1 << 20
 @pytest.fixture(scope="module")
 def shared_house(tmp_path_factory: pytest.TempPathFactory, empty_store: Path) -> Iterator[House]:
     with house_of_two(tmp_path_factory.mktemp("house"), empty_store) as house:
-        with house.near.service.store.write() as rows:
+        with house.near.service.store.write_cell() as rows:
             for number in range(1, EVENTS + 1):
                 rows.execute(insert(events).values(at=float(number), kind="state", text=f"event {number}"))
         yield house
