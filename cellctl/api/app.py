@@ -65,7 +65,7 @@ from cellctl.planning.previews import Previews
 from cellctl.planning.process import Workers
 from cellctl.planning.queue import PlanningQueue
 from cellctl.planning.standing_cell import StandingCell
-from cellctl.store import open_store
+from cellctl.store import StoreError, open_store
 from cellctl.store.fleet import Seat
 from cellctl.store.owner import owner_of
 from cellctl.store.tokens import Role
@@ -148,7 +148,11 @@ def build_service(settings: Settings) -> Service:
         pool.changed = queue.wake
     previews = Previews(settings.worker_memory_bytes)
     keeper = FleetKeeper(store, lambda: told_of(settings, standing, link, seat), queue, feed.take_job)
-    keeper.take()
+    try:
+        keeper.take()
+    except StoreError:
+        store.close()
+        raise
     return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper, pages, pool)
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 
 from cellctl.domain.fleet import DEAD_S
-from cellctl.store import Store, tokens
+from cellctl.store import Store, open_store, tokens, upgrade
 from cellctl.store.fleet import LeaseHeldError
+from cellctl.store.shared import share
 from cellctl.store.tokens import Role
 from tests.unit.cellctl.fleet_site import RECIPE, Site, grow_silent, make_before
 from tests.unit.cellctl.test_store import part_in
@@ -18,11 +19,25 @@ CELLS = ("alpha", "beta", "gamma")
 JOB = {"recipe": RECIPE}
 
 
+@pytest.fixture(params=["one file", "postgres"])
+def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
+    """Alpha's: with a database and files that all hosts see, or, of cells at one host, the file that all of them open."""
+    for name in CELLS if request.param == "postgres" else ():
+        share(tmp_path / f"{name}-store", request.getfixturevalue("database"), tmp_path / "files")
+        upgrade(tmp_path / f"{name}-store")
+    folder = tmp_path / ("alpha-store" if request.param == "postgres" else "store")
+    upgrade(folder)
+    opened = open_store(folder)
+    yield opened
+    opened.close()
+
+
 @pytest.fixture
 async def sites(tmp_path: Path, store: Store) -> AsyncIterator[dict[str, Site]]:
     with store.write() as rows:
         token = tokens.create(rows, "the admin", Role.ADMIN, store.clock())[1]
-    found = {name: Site(name, store.folder, tmp_path / name, token) for name in CELLS}
+    folders = {name: tmp_path / f"{name}-store" if store.is_shared else store.folder for name in CELLS}
+    found = {name: Site(name, folders[name], tmp_path / name, token) for name in CELLS}
     part = part_in(store)
     make_before(store, part, [site.make_cell() for site in found.values()])
     for site in found.values():
