@@ -108,11 +108,10 @@ async def test_cookie_of_a_session_that_was_left_opens_nothing(web: Any) -> None
     assert (await web.nobody.delete("/api/v1/session", headers=page)).status_code == 204
 
 
-async def test_idempotency_key_of_another_person_gives_nothing_of_theirs(web: Any, block: Any) -> None:
-    part = (await web.operator.post("/api/v1/parts", files={"file": ("a.stl", block.read_bytes())})).json()
+async def test_idempotency_key_of_another_person_gives_nothing_of_theirs(web: Any, uploaded: dict[str, Any]) -> None:
     key = {"Idempotency-Key": "same"}
-    first = (await web.operator.post("/api/v1/jobs", json={"part_id": part["id"], "name": "theirs"}, headers=key)).json()
-    other = await web.engineer.post("/api/v1/jobs", json={"part_id": part["id"], "name": "mine"}, headers=key)
+    first = (await web.operator.post("/api/v1/jobs", json={"part_id": uploaded["id"], "name": "theirs"}, headers=key)).json()
+    other = await web.engineer.post("/api/v1/jobs", json={"part_id": uploaded["id"], "name": "mine"}, headers=key)
     assert other.json()["id"] != first["id"] and other.json()["name"] == "mine"
 
 
@@ -142,9 +141,8 @@ async def test_unknown_name_takes_as_long_as_a_wrong_password(web: Any, monkeypa
 
 
 @pytest.mark.parametrize("text", HOSTILE)
-async def test_hostile_text_comes_back_as_data_that_no_browser_takes_for_a_page(web: Any, block: Any, text: str) -> None:
-    part = (await web.operator.post("/api/v1/parts", files={"file": ("a.stl", block.read_bytes())})).json()
-    answer = await web.operator.post("/api/v1/jobs", json={"part_id": part["id"], "name": text})
+async def test_hostile_text_comes_back_as_data_that_no_browser_takes_for_a_page(web: Any, uploaded: dict[str, Any], text: str) -> None:
+    answer = await web.operator.post("/api/v1/jobs", json={"part_id": uploaded["id"], "name": text})
     shown = [
         answer,
         await web.viewer.get("/api/v1/jobs"),

@@ -14,15 +14,15 @@ from PIL import Image
 
 from config import load_material
 from planner.recipe import Recipe
-from tests.unit.cellctl.test_api_parts import assert_problem, box_bytes, upload
+from tests.unit.cellctl.test_api_parts import assert_problem, upload
 
 SIZE = (12.0, 8.0, 2.0)
 
 
 @pytest.fixture
-async def part(web: Any) -> str:
+def part(uploaded: dict[str, Any]) -> str:
     """A block of 12 x 8 x 2 mm."""
-    return str((await upload(web.operator, box_bytes())).json()["id"])
+    return str(uploaded["id"])
 
 
 async def estimate(web: Any, part: str, **recipe: Any) -> Any:
