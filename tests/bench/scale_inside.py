@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any
 
+import numpy as np
+
 import planner
 import planner.compose.straight as straight
 import planner.pipeline as pipeline
@@ -23,7 +25,7 @@ from planner.recipe import load_recipe
 from tests.bench.table import Cell, Table
 
 PARTS = FACTS_DIR / "parts"
-NAMES = ("pipe", "bearing")
+SIZES = (("pipe", 1.0), ("bearing", 1.0), ("bearing", 2.0))  # of a part's own size
 PROVEN = "pipe"
 WORKERS = 2
 CELL = "trunnion_tcp"
@@ -64,7 +66,7 @@ def timed(functions: tuple[tuple[Any, str], ...]) -> Iterator[dict[str, float]]:
 def inside() -> list[Table]:
     """Shares, the bound that follows (Amdahl), and what a process costs before it does the first of it."""
     start_s = _start_s()
-    rows = [_plan(name, start_s) for name in NAMES]
+    rows = [_plan(name, size, start_s) for name, size in SIZES]
     rows.append(_proof(PROVEN, start_s))
     columns = ["work", "whole s", "divisible s", "share %", "bound on 2", "saved s at most", "start of a process s", "layers pickled ms"]
     note = (
@@ -80,16 +82,18 @@ def _row(work: str, whole_s: float, spent: dict[str, float], start_s: float, pic
     return [work, whole_s, divisible, 100.0 * divisible / whole_s, whole_s / (whole_s - saved), saved, start_s, pickled_ms]
 
 
-def _plan(name: str, start_s: float) -> list[Cell]:
-    mesh, recipe = load(PARTS / f"{name}.stl"), load_recipe(PARTS / f"{name}.toml")
-    pipeline.plan(mesh, recipe)
+def _plan(name: str, size: float, start_s: float) -> list[Cell]:
+    recipe = load_recipe(PARTS / f"{name}.toml")
+    mesh = load(PARTS / f"{name}.stl", "mm").transformed(np.diag([size, size, size, 1.0]))
+    if size == 1.0:
+        pipeline.plan(mesh, recipe)  # loads kernels
     with timed(OF_LAYERS) as spent:
         started = time.process_time()
         made = pipeline.plan(mesh, recipe)
         whole = time.process_time() - started
     started = time.process_time()
     pickle.loads(pickle.dumps(made.layers))
-    return _row(f"plan of the {name}", whole, spent, start_s, 1000.0 * (time.process_time() - started))
+    return _row(f"plan of the {name} x {size:g}", whole, spent, start_s, 1000.0 * (time.process_time() - started))
 
 
 def _proof(name: str, start_s: float) -> list[Cell]:

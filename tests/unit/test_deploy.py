@@ -53,6 +53,14 @@ def test_the_unit_starts_the_service_with_options_that_it_has() -> None:
     assert context.params["store"] == "/var/lib/hybridcell/store"
 
 
+def test_the_unit_of_a_planning_machine_joins_a_pool_by_tls() -> None:
+    service = unit(DEPLOY / "hybridcell-planner.service")["Service"]
+    program, *words = shlex.split(service["ExecStart"])
+    context = parsed(words)
+    assert program.endswith("/cellctl") and context.params["scheduler"].startswith("tls://") and not context.params["plain"]
+    assert context.params["cert"] and context.params["key"] and str(context.params["folder"]).endswith(service["StateDirectory"])
+
+
 def test_the_backup_unit_takes_a_backup_of_the_store_that_is_served() -> None:
     backup = unit(DEPLOY / "hybridcell-backup.service")["Service"]["ExecStart"]
     inner = shlex.split(shlex.split(backup)[2].replace("exec ", "").replace("%%", "%"))
@@ -63,7 +71,7 @@ def test_the_backup_unit_takes_a_backup_of_the_store_that_is_served() -> None:
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-@pytest.mark.parametrize("name", ["hybridcell.service", "hybridcell-backup.service", "hybridcell-backup.timer"])
+@pytest.mark.parametrize("name", ["hybridcell.service", "hybridcell-backup.service", "hybridcell-backup.timer", "hybridcell-planner.service"])
 def test_systemd_takes_the_unit(name: str, tmp_path: Path) -> None:
     """Verified by systemd itself, with a program that exists in place of the installed one."""
     for path in DEPLOY.glob("hybridcell*.[st]*"):

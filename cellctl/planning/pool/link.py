@@ -93,10 +93,9 @@ class Link:
                     self._say_state(PoolState(connection.places, len(connection.machines), connection.why_none))
                     await asyncio.sleep(LOOK_S)
                     await connection.look()
-            except (OSError, TimeoutError, ValueError) as error:
-                why = str(error).splitlines()[0][:200] if str(error) else "no answer"
+            except Exception as error:  # noqa: BLE001  whatever dask raises, the scheduler is looked for again
                 if connection is not None or self._state is None:
-                    log.warning("planning pool", address=self._wire.address, error=why)
+                    log.warning("planning pool", address=self._wire.address, error=f"{type(error).__name__}: {error}"[:500])
                 self._why_away = f"the scheduler of the planning pool {self._wire.address} cannot be reached; it is tried again every {AGAIN_S:g} s"
                 self._say_state(PoolState(0, 0, self._why_away))
                 await self._use(None)

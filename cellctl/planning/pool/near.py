@@ -23,6 +23,7 @@ from cellctl.planning.process import LINE_LIMIT, WorkerError
 from cellctl.planning.task import Done, Task
 
 AGAIN_S = 1.0
+STEADY_S = 30.0  # a link that ends sooner cannot work as things are: it is started again more and more seldom
 COSTS_KEPT = 200
 log = structlog.get_logger(__name__)
 
@@ -82,7 +83,9 @@ class Pool:
 
     async def keep(self) -> None:
         """Keep the link alive, for ever; cancelled, it ends with all its work."""
+        delay = AGAIN_S
         while True:
+            started = asyncio.get_running_loop().time()
             process = await self._started()
             try:
                 self._process = process
@@ -96,7 +99,9 @@ class Pool:
             self._take(PoolState(0, 0, "the link to the planning pool ended and is started again"))
             for asking in self._asking.values():
                 asking.waits(self.state.why)
-            await asyncio.sleep(AGAIN_S)
+            lived = asyncio.get_running_loop().time() - started
+            delay = AGAIN_S if lived > STEADY_S else min(2 * delay, STEADY_S)
+            await asyncio.sleep(delay)
 
     async def _started(self) -> asyncio.subprocess.Process:
         words = [str(os.getpid()), str(self._files), str(self._scratch), self._version, *self._wire.words()]

@@ -63,6 +63,7 @@ async def test_task_on_another_machine_gives_the_same_bytes_in_pieces_that_were_
     assert stages == ["reading the mesh"] and costs.attempts == 1
 
 
+@pytest.mark.slow
 async def test_errors_come_back_in_their_words(house: House, tmp_path: Path) -> None:
     broken = tmp_path / "broken.stl"
     broken.write_bytes(b"solid of nothing")
