@@ -23,6 +23,7 @@ from cellctl.planning.pool.wire import PoolWire, check_installed, check_pool
 from cellctl.reach import Wire, check_wire
 from cellctl.store import upgrade
 from cellctl.store.engine import DATABASE
+from cellctl.store.shared import Wanted, share
 from cellctl.tls import pinned_context
 from config import find_facts, load_cell
 
@@ -53,6 +54,7 @@ class Options:
     worker_memory_mb: float = 8192.0
     wire: Wire = field(default_factory=Wire)
     pool: PoolWire | None = None
+    shared: Wanted | None = None
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,8 @@ class Supervisor:
         cell = load_cell(cell_file)
         host = options.host or cell.service.host
         with only_one(options.run):
+            if options.shared is not None:
+                share(options.store, options.shared)
             upgrade(options.store)
             check_reach(options.store, host)
             for warning in (*check_wire(options.wire, host), *self._check_pool()):

@@ -9,6 +9,7 @@ from typing import cast
 
 from starlette.requests import HTTPConnection
 
+from cellctl.api.acquaintance import Acquaintance
 from cellctl.api.cell_link import CellLink
 from cellctl.api.deeds import Deeds
 from cellctl.api.feed import Feed
@@ -90,6 +91,7 @@ class Service:
     receiving: Receiving = field(default_factory=Receiving)
     presence: Presence = field(default_factory=Presence)
     turnstile: Turnstile = field(default_factory=Turnstile)
+    acquaintance: Acquaintance = field(default_factory=Acquaintance)
 
     @property
     def cell(self) -> Cell:

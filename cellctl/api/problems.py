@@ -10,6 +10,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field, model_validator
+from sqlalchemy.exc import DataError
 from starlette.exceptions import HTTPException
 
 from cellctl import faults
@@ -179,8 +180,15 @@ def _known(error: Exception) -> Problem | None:
         return Problem(title="The cursor does not fit", status=422, detail=str(error), hint="pass on what `next` said")
     fault = faults.explain(error)
     if fault is None:
-        return None
+        return _unfit(error)
     return Problem(title=fault.title, status=fault.status, detail=fault.detail, hint=fault.hint)
+
+
+def _unfit(error: Exception) -> Problem | None:
+    """A text or number that PostgreSQL cannot keep, such as one with a NUL in it."""
+    if not isinstance(error, DataError):
+        return None
+    return Problem(title="The request does not fit", status=422, detail=faults.one_line(str(error.orig)), hint="leave out what cannot be kept")
 
 
 async def _any(request: Request, error: Exception) -> JSONResponse:
@@ -216,7 +224,7 @@ def install(app: FastAPI) -> None:
 
 
 def _packages_errors() -> list[type[Exception]]:
-    from sqlalchemy.exc import DBAPIError
+    from sqlalchemy.exc import SQLAlchemyError
 
     from cellctl.passwords import PasswordError
     from cellctl.store import StoreError
@@ -224,4 +232,4 @@ def _packages_errors() -> list[type[Exception]]:
     from config import ConfigError
     from planner.errors import PlannerError
 
-    return [ConfigError, PlannerError, StoreError, PasswordError, LastAdminError, UserNameError, DBAPIError, OSError]
+    return [ConfigError, PlannerError, StoreError, PasswordError, LastAdminError, UserNameError, SQLAlchemyError, OSError]

@@ -18,6 +18,7 @@ from cellctl.api.waits import why_not_yet
 from cellctl.domain.jobs import JobState, WrongJobStateError
 from cellctl.domain.messages import Reply
 from cellctl.domain.snapshot import Snapshot
+from cellctl.domain.trouble import trouble_of
 from cellctl.store import Store, cell_table, claims, consumables, dependencies, fleet, history, jobs, lineage
 from cellctl.store.cell_table import Lying
 from cellctl.store.claims import ClaimedError
@@ -73,14 +74,21 @@ class Runs:
         self._wake.set()
 
     async def run(self) -> None:
-        """Follow and start, for ever."""
+        """Follow and start, for ever. That the store refuses is told once."""
+        told = ""
         while True:
             self._wake.clear()
             try:
                 await self.follow()
                 await self._start_next()
-            except Exception:
-                log.exception("runs")
+                told = ""
+            except Exception as error:
+                trouble = trouble_of(error)
+                if trouble is None:
+                    log.exception("runs")
+                elif trouble.title != told:
+                    log.error("runs wait for the store", error=trouble.detail)
+                    told = trouble.title
             try:
                 async with asyncio.timeout(PERIOD_S):
                     await self._wake.wait()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import re
 from collections.abc import Awaitable, Callable
@@ -11,10 +12,14 @@ from urllib.parse import urlsplit
 
 from fastapi import Depends, Request
 from fastapi.security import APIKeyCookie, HTTPBearer
+from sqlalchemy import Connection
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import HTTPConnection
 
+from cellctl.api.acquaintance import ASKED_S
 from cellctl.api.context import Service, service_of
 from cellctl.api.problems import ApiError
+from cellctl.domain.trouble import trouble_of
 from cellctl.store import sessions, tokens
 from cellctl.store.audit import Deed
 from cellctl.store.sessions import Account
@@ -66,23 +71,63 @@ def is_same_origin(connection: HTTPConnection) -> bool:
 
 
 def account_of(connection: HTTPConnection, service: Service) -> Account | None:
-    """The account behind a request, None without one. A cookie counts only for requests of our own pages."""
+    """The account behind a request, None without one. A cookie counts only for requests of our own pages. May block on a shared database."""
     scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
     now = service.store.clock()
     if scheme:
         if scheme.lower() != "bearer":
             return None
-        with service.store.read() as rows:
+
+        def by_token(rows: Connection) -> Account | None:
             token = tokens.find(rows, secret.strip(), now)
-        return sessions.of_token(token) if token is not None else None
+            return sessions.of_token(token) if token is not None else None
+
+        return _looked_up(service, secret.strip(), by_token, now)
     cookie = connection.cookies.get(COOKIE)
     if cookie is None or not is_same_origin(connection):
         return None
-    with service.store.read() as rows:
-        account = sessions.find(rows, cookie, now, service.presence.heard_at(cookie))
+    heard_at = service.presence.heard_at(cookie)
+    account = _looked_up(service, cookie, lambda rows: sessions.find(rows, cookie, now, heard_at), now)
     if account is not None:
         service.presence.heard(account.session, now)
     return account
+
+
+def _looked_up(service: Service, secret: str, find: Callable[[Connection], Account | None], now: float) -> Account | None:
+    """Who the store says this is; while a shared one is away, who it said this was."""
+    store, seen = service.store, service.acquaintance
+    if store.is_shared and seen.is_away and (account := seen.recall(secret, now)) is not None:
+        return account
+    try:
+        with store.read() as rows:
+            account = find(rows)
+    except SQLAlchemyError as error:
+        if not store.is_shared or trouble_of(error) is None:
+            raise
+        seen.went_away()
+        if (account := seen.recall(secret, now)) is None:
+            raise
+        return account
+    if store.is_shared:
+        seen.told(secret, account, now)
+    return account
+
+
+async def person_soon(connection: HTTPConnection, service: Service) -> Person | None:
+    """`person_of` in the event loop: a row of a file takes less than the way to a thread and back, which may be long while others compute.
+
+    A shared database is asked in a thread; who is known already waits for it for ASKED_S at most.
+    """
+    seen = service.acquaintance
+    if not service.store.is_shared:
+        return person_of(connection, service)
+    asked = asyncio.ensure_future(asyncio.to_thread(person_of, connection, service))
+    await asyncio.wait({asked}, timeout=ASKED_S)
+    if asked.done():
+        return asked.result()
+    asked.add_done_callback(lambda late: late.exception() if not late.cancelled() else None)
+    seen.went_away()
+    return await asyncio.to_thread(person_of, connection, service)
 
 
 def person_of(connection: HTTPConnection, service: Service) -> Person | None:
@@ -139,17 +184,14 @@ def is_let_in(connection: HTTPConnection, service: Service, role: Role) -> bool:
 
 
 def needs(role: Role) -> Callable[..., Awaitable[Person]]:
-    """A dependency that lets in this role and those above it. Raises ApiError 401 or 403.
-
-    The row is read in the event loop: that takes less than the way to a thread and back, which may be long while others compute.
-    """
+    """A dependency that lets in this role and those above it. Raises ApiError 401 or 403."""
 
     async def let_in(
         request: Request,
         _bearer: Annotated[object, Depends(bearer_scheme)] = None,
         _cookie: Annotated[object, Depends(cookie_scheme)] = None,
     ) -> Person:
-        person = person_of(request, service_of(request))
+        person = await person_soon(request, service_of(request))
         if person is None or person.account is None:
             raise not_signed_in("this needs a valid token or session", "sign in, or send a token from `cellctl token create`")
         _check(person, person.account, request, role)

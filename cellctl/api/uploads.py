@@ -28,8 +28,10 @@ import shutil
 from email.utils import formatdate
 from typing import Annotated, Any
 
+import structlog
 from fastapi import APIRouter, Header, Request, Response
 from sqlalchemy import Connection
+from sqlalchemy.exc import SQLAlchemyError
 
 from cellctl.api import parts as part_routes
 from cellctl.api.context import Service
@@ -55,6 +57,7 @@ TUS = {"Tus-Resumable": VERSION}
 DIGITS = re.compile(r"[0-9]{1,15}")
 
 TusVersion = Annotated[str | None, Header(alias="Tus-Resumable", description=VERSION)]
+log = structlog.get_logger(__name__)
 router = APIRouter(prefix="/api/v1/uploads", tags=["uploads"], responses=DOCUMENTED)
 
 
@@ -334,5 +337,8 @@ def sweep(service: Service) -> list[str]:
 async def sweep_now_and_then(service: Service) -> None:
     """`sweep`, for as long as the service lives. Call as one task."""
     while True:
-        await asyncio.to_thread(sweep, service)
+        try:
+            await asyncio.to_thread(sweep, service)
+        except (SQLAlchemyError, OSError) as error:
+            log.error("uploads are not swept", error=str(getattr(error, "orig", error)))
         await asyncio.sleep(SWEEP_S)

@@ -61,8 +61,9 @@ class Deliveries:
                 while True:
                     try:
                         await self._look(client)
-                    except Exception:
-                        log.exception("webhooks")
+                    except Exception as error:
+                        if trouble_of(error) is None:
+                            log.exception("webhooks")
                     await asyncio.sleep(PERIOD_S)
             finally:
                 await self._leave()

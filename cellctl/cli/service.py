@@ -76,6 +76,12 @@ def serve(
     planning_plain: Annotated[
         bool, typer.Option("--planning-plain", help="A pool without TLS beyond this machine: whoever reaches its scheduler can run code here.")
     ] = False,
+    shared_database: Annotated[
+        str, typer.Option("--shared-database", metavar="URL", help="PostgreSQL database that several cells share; @FILE: its URL is in that file.")
+    ] = "",
+    shared_files: Annotated[
+        Path | None, typer.Option("--shared-files", help="Folder, seen by all hosts, of the files that they share.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Run the service: the cell process, the web process with the console, and the planning workers."""
@@ -84,6 +90,7 @@ def serve(
     from cellctl.first_start import has_admin
     from cellctl.planning.pool.wire import PoolWire
     from cellctl.reach import Wire
+    from cellctl.store.shared import Wanted, shared_of
     from cellctl.supervise import Address, Options, Supervisor
 
     def ready(address: Address, secret: str | None) -> None:
@@ -92,6 +99,8 @@ def serve(
             return
         output.line(f"console and REST  {address.url}")
         output.line(f"store             {store}    run directory  {run}")
+        if (shared := shared_of(store)) is not None:
+            output.line(f"shared            {shared.database.render_as_string()}    files  {shared.files}")
         if secret is not None:
             output.line(f"operator token    {secret}")
             output.line(f"                  (shown once; for this user also in {store / 'operator.token'})")
@@ -106,7 +115,10 @@ def serve(
     pool = PoolWire(planning_scheduler, planning_cert, planning_key, planning_ca, planning_plain) if planning_scheduler else None
     if pool is None and (planning_cert or planning_key or planning_ca or planning_plain):
         raise InputFault("options of a planning pool are given without its scheduler", "give --planning-scheduler ADDRESS")
-    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb, wire, pool)
+    if bool(shared_database) != (shared_files is not None):
+        raise InputFault("a store is shared by its database and its files", "give both --shared-database URL and --shared-files DIR")
+    wanted = Wanted(shared_database, shared_files) if shared_files is not None else None
+    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb, wire, pool, wanted)
     asyncio.run(Supervisor(options, say, ready).run())
 
 

@@ -9,8 +9,11 @@ from functools import partial
 from pathlib import Path
 
 import structlog
+from sqlalchemy import Connection
+from sqlalchemy.exc import SQLAlchemyError
 
 from cellctl.domain.jobs import JobState, WrongJobStateError
+from cellctl.domain.trouble import trouble_of
 from cellctl.planning.jobwork import JobWork, Stopped
 from cellctl.planning.process import WorkerError
 from cellctl.planning.task import Failed
@@ -22,6 +25,7 @@ from config import Cell
 
 J = JobState
 log = structlog.get_logger(__name__)
+AGAIN_S = 2.0  # between two tries of a store that refuses
 UNFINISHED = (J.PLANNING, J.PLANNED, J.POSTING, J.PROVING, J.PROVEN)
 
 
@@ -45,6 +49,7 @@ class PlanningQueue:
         self._changed = changed
         self._wake = asyncio.Event()
         self._running: dict[str, asyncio.Task[None]] = {}
+        self._astray: set[str] = set()
         self.progress: dict[str, StageProgress] = {}
 
     def use_cell(self, cell: Cell, cell_file: Path) -> None:
@@ -71,12 +76,25 @@ class PlanningQueue:
             task.cancel()
 
     async def run(self) -> None:
-        """Work for ever. Jobs that were in work when the service ended are submitted again first."""
-        await asyncio.to_thread(self._resubmit)
+        """Work for ever. Jobs that were in work when the service ended are submitted again first. A store that refuses is asked again."""
+        resubmit, told = self._resubmit, ""
         try:
             while True:
                 self._wake.clear()
-                await self._start_what_fits()
+                try:
+                    await asyncio.to_thread(resubmit)
+                    resubmit = self._resubmit_astray
+                    await self._start_what_fits()
+                except (SQLAlchemyError, OSError) as error:
+                    trouble = trouble_of(error)
+                    if trouble is None:
+                        raise
+                    if trouble.title != told:
+                        log.error("planning waits for the store", error=trouble.detail)
+                    told = trouble.title
+                    await asyncio.sleep(AGAIN_S)
+                    continue
+                told = ""
                 await self._wake.wait()
         finally:
             for task in self._running.values():
@@ -89,14 +107,20 @@ class PlanningQueue:
                 if (state := job.state) in (J.PLANNED, J.PROVEN):
                     log.error("job rests in a passing state", job=job.id, state=state.value)
                     continue
-                jobs.move(
-                    connection,
-                    job.id,
-                    J.SUBMITTED,
-                    at=self._store.clock(),
-                    seat=self._work.seat,
-                    why="the service restarted; this step starts again",
-                )
+                self._submit_again(connection, job.id, "the service restarted; this step starts again")
+
+    def _resubmit_astray(self) -> None:
+        """Jobs that the work stopped on as the store refused."""
+        if not self._astray:
+            return
+        with self._store.write() as connection:
+            for job in jobs.oldest_in(connection, UNFINISHED, self._work.seat.cell):
+                if job.id in self._astray and job.id not in self._running:
+                    self._submit_again(connection, job.id, "the store was away; this step starts again")
+        self._astray.clear()
+
+    def _submit_again(self, connection: Connection, job_id: str, why: str) -> None:
+        jobs.move(connection, job_id, J.SUBMITTED, at=self._store.clock(), seat=self._work.seat, why=why)
 
     async def _start_what_fits(self) -> None:
         waiting = await asyncio.to_thread(self._waiting)
@@ -126,6 +150,15 @@ class PlanningQueue:
             self._changed(job.id)
 
         try:
+            await self._take(job, report)
+        except SQLAlchemyError as error:
+            if trouble_of(error) is None:
+                log.exception("planning queue", job=job.id)
+            self._astray.add(job.id)
+
+    async def _take(self, job: JobRow, report: Callable[[str, float], None]) -> None:
+        """Raises SQLAlchemyError where the store refuses: then nobody can be told."""
+        try:
             await self._work.take_through(job, report)
         except WorkerError as error:
             await self._fail(job.id, error.failed)
@@ -134,6 +167,8 @@ class PlanningQueue:
         except asyncio.CancelledError:
             raise
         except Exception as error:
+            if isinstance(error, SQLAlchemyError) and trouble_of(error) is not None:
+                raise
             log.exception("planning queue", job=job.id)
             await self._fail(
                 job.id,

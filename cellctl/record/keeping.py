@@ -12,6 +12,7 @@ import structlog
 from sqlalchemy import Connection, insert, select
 
 from cellctl.domain.jobs import ENDED
+from cellctl.domain.trouble import trouble_of
 from cellctl.planning.process import WorkerError, Workers
 from cellctl.planning.task import Task
 from cellctl.record.layout import MANIFEST
@@ -76,12 +77,19 @@ class Keeping:
         self._sealed: set[str] = set()  # known of this cell's jobs: nothing is to be done for them any more
 
     async def run(self) -> None:
-        """Look and seal, for ever."""
+        """Look and seal, for ever. That the store refuses is told once."""
+        told = ""
         while True:
             try:
                 await self.seal_all()
-            except Exception:
-                log.exception("records")
+                told = ""
+            except Exception as error:
+                trouble = trouble_of(error)
+                if trouble is None:
+                    log.exception("records")
+                elif trouble.title != told:
+                    log.error("records wait for the store", error=trouble.detail)
+                    told = trouble.title
             await asyncio.sleep(PERIOD_S)
 
     async def write_now(self, job_id: str, folder: Path) -> None:

@@ -13,6 +13,7 @@ from cellctl.store.pages import page
 from cellctl.store.schema import audit
 
 HASHED = ("at", "who", "role", "origin", "verb", "target", "because", "outcome")
+NUL = "\N{SYMBOL FOR NULL}"  # in place of a character that PostgreSQL keeps in no text: a deed is written down whatever was typed
 COUNTER = text("SELECT seq FROM sqlite_sequence WHERE name = 'audit'")
 
 
@@ -58,6 +59,7 @@ def add(connection: Connection, deed: Deed, at: float, outcome: str) -> int:
     last = connection.execute(select(audit.c.seq, audit.c.sha256).order_by(audit.c.seq.desc()).limit(1)).first()
     seq, before = (int(last.seq) + 1, str(last.sha256)) if last is not None else (1, "")
     values = {"at": at, "outcome": outcome, **deed.__dict__}
+    values |= {name: text.replace("\0", NUL) for name, text in values.items() if isinstance(text, str)}
     connection.execute(insert(audit).values(seq=seq, sha256=_sha256(before, seq, values), **values))
     return seq
 

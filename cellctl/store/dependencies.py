@@ -66,7 +66,7 @@ def of_jobs(connection: Connection, job_ids: Sequence[str]) -> dict[str, list[De
         select(link.job_id, link.on_job, link.until, other.name, other.state, other.cleared_at, other.timestamps)
         .join(job_table, other.id == link.on_job)
         .where(link.job_id.in_(list(job_ids)))
-        .order_by(link.job_id, other.seq, link.until.desc())
+        .order_by(other.seq, link.until.desc())
     )
     for row in connection.execute(query):
         has_run = f'"{JobState.RUNNING.value}"' in row.timestamps
@@ -78,7 +78,7 @@ def of_jobs(connection: Connection, job_ids: Sequence[str]) -> dict[str, list[De
 
 def dependents_of(connection: Connection, job_id: str) -> list[str]:
     """Jobs that wait, or waited, for this one."""
-    return list(connection.execute(select(job_dependencies.c.job_id).distinct().where(job_dependencies.c.on_job == job_id)).scalars())
+    return sorted(connection.execute(select(job_dependencies.c.job_id).distinct().where(job_dependencies.c.on_job == job_id)).scalars())
 
 
 def replace(connection: Connection, job_id: str, wanted: Sequence[tuple[str, Until]]) -> None:

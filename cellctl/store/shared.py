@@ -34,6 +34,14 @@ class Shared:
     host: str
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What a command line names. database : a URL, or @FILE; files : a folder"""
+
+    database: str
+    files: Path
+
+
 def url_of(text: str) -> URL:
     """A database by its URL. Raises StoreError; the message holds no password."""
     try:
@@ -78,11 +86,12 @@ def shared_of(folder: Path) -> Shared | None:
     return Shared(url_of(str(told["database"])), Path(str(told["files"])), str(told["host"]))
 
 
-def share(folder: Path, database: URL, files: Path) -> None:
+def share(folder: Path, named: Wanted) -> None:
     """Let the store in a folder share from now on; the same again is harmless.
 
     Raises StoreError where it shares something else, or holds what only this host would see.
     """
+    database, files = told_url(named.database), named.files
     known = shared_of(folder)
     wanted = Shared(database, files.absolute(), known.host if known is not None else secrets.token_hex(6))
     if known is not None:

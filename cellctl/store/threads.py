@@ -46,8 +46,8 @@ def set_tags(connection: Connection, job_id: str, tags: list[str]) -> None:
 
 def all_tags(connection: Connection) -> dict[str, int]:
     """Every tag in use, and at how many jobs."""
-    query = select(job_tags.c.tag, func.count()).group_by(job_tags.c.tag).order_by(job_tags.c.tag)
-    return {tag: count for tag, count in connection.execute(query)}
+    query = select(job_tags.c.tag, func.count()).group_by(job_tags.c.tag)
+    return dict(sorted((tag, count) for tag, count in connection.execute(query)))  # in every locale alike
 
 
 def add_note(connection: Connection, job_id: str, at: float, who: str, text: str) -> Note:

@@ -84,7 +84,7 @@ def get(connection: Connection, name: str) -> UserRow:
 
 def every(connection: Connection) -> list[UserRow]:
     """All users by name, disabled ones too."""
-    return [_row(row) for row in connection.execute(select(users).order_by(users.c.name)).mappings()]
+    return sorted((_row(row) for row in connection.execute(select(users)).mappings()), key=lambda row: row.name)  # in every locale alike
 
 
 def count_active(connection: Connection, role: Role | None = None) -> int:

@@ -69,7 +69,8 @@ def materials(connection: Connection) -> list[MaterialVersion]:
     """The newest version of every material, by name."""
     c = material_versions.c
     newest = select(func.max(c.seq)).group_by(c.name)
-    return [_material(row) for row in connection.execute(select(material_versions).where(c.seq.in_(newest)).order_by(c.name)).mappings()]
+    found = connection.execute(select(material_versions).where(c.seq.in_(newest))).mappings()
+    return sorted((_material(row) for row in found), key=lambda row: row.name)  # in every locale alike
 
 
 def material_page(connection: Connection, name: str, cursor: str | None, limit: int) -> tuple[list[MaterialVersion], str | None]:
@@ -127,7 +128,8 @@ def cells(connection: Connection) -> list[CellVersion]:
     """The newest version of every cell that a service on this store ran, by name."""
     c = cell_versions.c
     newest = select(func.max(c.seq)).group_by(c.name)
-    return [_cell(row) for row in connection.execute(select(cell_versions).where(c.seq.in_(newest)).order_by(c.name)).mappings()]
+    found = connection.execute(select(cell_versions).where(c.seq.in_(newest))).mappings()
+    return sorted((_cell(row) for row in found), key=lambda row: row.name)
 
 
 def cell_page(connection: Connection, name: str, cursor: str | None, limit: int) -> tuple[list[CellVersion], str | None]:

@@ -1,25 +1,40 @@
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
-from dataclasses import replace
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from sqlalchemy import URL
 
 from cellctl.domain.jobs import STEPS, JobState, WrongJobStateError
 from cellctl.store import Store, StoreError, blobs, idempotency, jobs, open_store, parts, sessions, tokens, upgrade
+from cellctl.store.engine import DATABASE, blobs_of
 from cellctl.store.idempotency import KeyReusedError
 from cellctl.store.ids import new_id
 from cellctl.store.jobs import JobRow
 from cellctl.store.pages import CursorError
 from cellctl.store.parts import Inspection, PartRow
-from cellctl.store.postgres import open_postgres
 from cellctl.store.schema import metadata
+from cellctl.store.shared import Wanted, share
 from cellctl.store.tokens import Role
+
+
+@contextmanager
+def sharing(store: Store, database: URL) -> Iterator[Store]:
+    """A store beside this one, with what people share in that database."""
+    folder = store.folder.parent / "sharing"
+    (folder.parent / "shared.url").write_text(database.render_as_string(hide_password=False))
+    share(folder, Wanted(f"@{folder.parent / 'shared.url'}", folder.parent / "files"))
+    shutil.copy(store.folder / DATABASE, folder / DATABASE)
+    blobs_of(folder).make_folders()
+    shared = open_store(folder, store.clock)
+    yield shared
+    shared.close()
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -28,9 +43,8 @@ def store(request: pytest.FixtureRequest, store: Store) -> Iterator[Store]:
     if request.param == "sqlite":
         yield store
         return
-    shared = replace(store, engine=open_postgres(request.getfixturevalue("database")))
-    yield shared
-    shared.close()
+    with sharing(store, request.getfixturevalue("database")) as shared:
+        yield shared
 
 
 in_a_file = pytest.mark.parametrize("store", ["sqlite"], indirect=True)
@@ -205,4 +219,4 @@ def test_blob_is_placed_whole_and_again_without_harm(store: Store, tmp_path: Pat
             (folder / "program" / "a.ngc").write_text("N1 G21")
             blobs.place(folder / "program", store.blobs.program("a" * 64))
     assert [path.name for path in store.blobs.program("a" * 64).iterdir()] == ["a.ngc"]
-    assert not list((store.folder / "blobs" / "staging").iterdir())
+    assert not list(store.blobs.unfinished.iterdir())

@@ -15,11 +15,10 @@ from cellctl.domain.jobs import JobState
 from cellctl.store import Store, audit, jobs, made, tokens
 from cellctl.store.audit import Deed
 from cellctl.store.made import Made
-from cellctl.store.postgres import open_postgres
 from cellctl.store.schema import audit as trail
 from cellctl.store.schema import jobs as job_table
 from cellctl.store.tokens import Role
-from tests.unit.cellctl.test_store import job_in, part_in
+from tests.unit.cellctl.test_store import job_in, part_in, sharing
 
 DEED = Deed("me", "operator", "127.0.0.1", "stop", "cell", "smoke")
 WRITERS, DEEDS = 8, 12  # threads, and what each of them writes down
@@ -28,9 +27,8 @@ WRITERS, DEEDS = 8, 12  # threads, and what each of them writes down
 @pytest.fixture
 def shared(store: Store, database: URL) -> Iterator[Store]:
     """A store with what is shared on a server."""
-    opened = replace(store, engine=open_postgres(database))
-    yield opened
-    opened.close()
+    with sharing(store, database) as opened:
+        yield opened
 
 
 @pytest.mark.parametrize("statement", ["UPDATE audit SET who = 'x'", "DELETE FROM audit", "TRUNCATE audit"])
