@@ -18,7 +18,7 @@ from cellctl.allocator import keep_little
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import UPLOAD_LIMIT_BYTES, WORKER_MEMORY_BYTES, Settings
 from cellctl.api.fleet_telling import host_url_of
-from cellctl.api.wire import PatientProtocol
+from cellctl.api.wire import options
 from cellctl.planning.pool.wire import add_options, wire_of
 from cellctl.planning.worker import end_with
 from cellctl.store import StoreError
@@ -77,17 +77,11 @@ async def listen(given: argparse.Namespace, app: FastAPI) -> None:
         app,
         host=given.host,
         port=given.port,
-        ws="websockets-sansio",
         log_level="warning",
-        access_log=False,
-        server_header=False,
         timeout_graceful_shutdown=3,
-        ws_max_size=64 * 1024,
-        http=PatientProtocol,
         ssl_certfile=given.tls_cert,
         ssl_keyfile=given.tls_key,
-        proxy_headers=bool(given.behind_proxy),
-        forwarded_allow_ips=given.behind_proxy or None,
+        **options(given.behind_proxy),
     )
     sys.setswitchinterval(SWITCH_S)
     gc.collect()

@@ -53,6 +53,7 @@ from cellctl.api.page import Page
 from cellctl.api.page_hosts import PageHosts
 from cellctl.api.runs import Runs
 from cellctl.api.security import BodyLimit, Guard
+from cellctl.api.stop_trail import StopTrail
 from cellctl.api.trend_keeper import TrendKeeper
 from cellctl.api.vouched import Vouched
 from cellctl.api.webhook_delivery import Deliveries
@@ -121,6 +122,7 @@ def build_service(settings: Settings) -> Service:
     scratch.mkdir(exist_ok=True)
     workers = Workers(scratch, settings.worker_memory_bytes, settings.planning_slots)
     feed = Feed()
+    stops = StopTrail(store, standing.cell.name)
     runs: Runs
     pages: PageHosts
 
@@ -129,6 +131,7 @@ def build_service(settings: Settings) -> Service:
 
     def on_event(event: Event) -> None:
         feed.take_event(event)
+        stops.take(event)
         runs.wake()
 
     def on_connect() -> None:
@@ -153,7 +156,9 @@ def build_service(settings: Settings) -> Service:
     except StoreError:
         store.close()
         raise
-    return Service(settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper, pages, pool)
+    return Service(
+        settings, standing, store, workers, feed, link, queue, runs, asyncio.Semaphore(1), Metrics(), previews, keeper, pages, stops, pool
+    )
 
 
 def make_app(service: Service, bound_host: str, page: Page | None = None) -> FastAPI:
@@ -166,7 +171,7 @@ def make_app(service: Service, bound_host: str, page: Page | None = None) -> Fas
         keeper = TrendKeeper(service.store)
         own = (service.link.run(), service.queue.run(), service.runs.run(), service.fleet.run(), service.presence.run(service.store))
         letters = Deliveries(service.store, service.cell.name)
-        house = (service.neighbours.run(), service.page_hosts.run())
+        house = (service.neighbours.run(), service.page_hosts.run(), service.stops.run())
         running = (*own, *house, uploads.sweep_now_and_then(service), keeper.run(), service.keeping.run(), letters.run())
         tasks = [asyncio.create_task(task) for task in running]
         if service.pool is not None:

@@ -22,6 +22,7 @@ from cellctl.api.page_hosts import PageHosts
 from cellctl.api.presence import Presence
 from cellctl.api.runs import Runs
 from cellctl.api.security import own_names
+from cellctl.api.stop_trail import StopTrail
 from cellctl.api.turnstile import Turnstile
 from cellctl.api.vouched import word_of
 from cellctl.planning.pool.near import Pool
@@ -80,6 +81,7 @@ class Service:
     previews: Previews
     fleet: FleetKeeper
     page_hosts: PageHosts
+    stops: StopTrail
     pool: Pool | None = None
     deeds: Deeds = field(default_factory=Deeds)
     keeping: Keeping = field(init=False)

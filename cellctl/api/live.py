@@ -9,7 +9,9 @@ Messages are JSON: {"type": "snapshot", "snapshot": …} (newest wins), {"type":
 from __future__ import annotations
 
 import asyncio
+import json
 import re
+from collections import deque
 from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Annotated, Any
@@ -28,6 +30,8 @@ from cellctl.api.sign_in import ServiceOf, Viewer, is_same_origin, person_of
 router = APIRouter(tags=["events"], responses=DOCUMENTED)
 NOT_SIGNED_IN = 4401
 BEHIND = 4408  # come back with `from`
+NO_TEXT, NO_JSON, TOO_MUCH = 1003, 1007, 1008  # what was said to us: bytes, text that is no JSON, more than anybody has to say
+SAID_MAX, SAID_S = 20, 10.0  # messages of a viewer, and the time in which they may come
 CODES = {"signed out": NOT_SIGNED_IN, "behind": BEHIND}
 PLACE = re.compile(r"([0-9]{1,15})(?:-([0-9]{1,15}))?")
 RETRY_MS = 1000
@@ -78,10 +82,33 @@ async def first_of(*works: Coroutine[Any, Any, None]) -> None:
 
 
 async def _until_closed(socket: WebSocket) -> None:
-    """Read what a viewer says (nothing that matters) until it leaves."""
-    with suppress(WebSocketDisconnect, RuntimeError, KeyError):
-        while True:
-            await socket.receive_text()
+    """Read what a viewer says until it leaves. Nothing that it says matters, so who says bytes, no JSON or too much is shown out."""
+    said: deque[float] = deque(maxlen=SAID_MAX)
+    while True:
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
+        now = asyncio.get_running_loop().time()
+        code = _why_out(message.get("text"))
+        if len(said) == SAID_MAX and now - said[0] < SAID_S:
+            code = TOO_MUCH
+        said.append(now)
+        if code is not None:
+            with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
+                async with asyncio.timeout(mail.SEND_S):
+                    await socket.close(code)
+            return
+
+
+def _why_out(text: str | None) -> int | None:
+    """The code that ends a conversation after this message; None if it may go on."""
+    if text is None:
+        return NO_TEXT
+    try:
+        json.loads(text)
+    except (ValueError, RecursionError):
+        return NO_JSON
+    return None
 
 
 async def _tell(socket: WebSocket, postman: Postman) -> None:

@@ -25,6 +25,7 @@ ATTACHMENT_PATH = re.compile(r"/api/v1/jobs/[^/]+/attachments/?")
 COMMAND_PATH = "/api/v1/cell/"
 PIECE_BYTES = 16 * 1024  # of an upload, between two of which everybody else has a turn
 BODY_GAP_S = 20.0  # between two pieces of a body
+BODY_S, LEAST_BYTES_PER_S = 30.0, 1024  # a body has so long, and as much longer as its bytes take at this pace
 GIVE_WAY_S = 0.25  # an upload waits at most so long per piece for commands that are under way
 
 HEADERS = {
@@ -245,14 +246,21 @@ class BodyLimit:
             await response(problem, {"Connection": "close"})(scope, receive, send)
             return
         received = 0
+        whole_at = asyncio.get_running_loop().time() + BODY_S
+        is_whole = False
 
         async def counted() -> Message:
-            nonlocal received
+            nonlocal received, is_whole
+            if is_whole:
+                return await receive()  # the sender's leaving, which has all the time there is
+            left_s = whole_at + received / LEAST_BYTES_PER_S - asyncio.get_running_loop().time()
             try:
-                async with asyncio.timeout(BODY_GAP_S):
+                async with asyncio.timeout(min(BODY_GAP_S, left_s)):
                     message = await receive()
             except TimeoutError:
-                raise HTTPException(408, f"nothing of the request's body came for {BODY_GAP_S:.0f} s") from None
+                why = f"nothing of it came for {BODY_GAP_S:.0f} s" if left_s > BODY_GAP_S else f"it comes at less than {LEAST_BYTES_PER_S} bytes/s"
+                raise HTTPException(408, f"the request's body is too slow: {why}", {"Connection": "close"}) from None
+            is_whole = not message.get("more_body", False)
             received += len(message.get("body", b""))
             if received > limit:
                 raise HTTPException(413, detail)

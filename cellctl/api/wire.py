@@ -11,13 +11,27 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEAD_S = 10.0  # for the whole head of a request
 PER_ADDRESS = 200  # connections at once from one address; a console has about eight
+MESSAGE_BYTES = 64 * 1024  # of a WebSocket's
 AT_ONCE = 800  # below the limit of open files of an ordinary process
 
 
+def options(behind_proxy: str = "") -> dict[str, Any]:
+    """What uvicorn is told about connections. behind_proxy : address of a proxy whose X-Forwarded-For and -Proto are believed, of no other's"""
+    PatientProtocol.shared = frozenset({behind_proxy} - {""})
+    return {
+        "http": PatientProtocol, "ws": "websockets-sansio", "ws_max_size": MESSAGE_BYTES, "server_header": False, "access_log": False,
+        "proxy_headers": bool(behind_proxy), "forwarded_allow_ips": behind_proxy or None,
+    }  # fmt: skip
+
+
 class PatientProtocol(H11Protocol):
-    """Closes a connection whose request's head does not come in time, and the newest of too many."""
+    """Closes a connection whose request's head does not come in time, and the newest of too many.
+
+    shared : addresses of proxies, from each of which many people come
+    """
 
     open: ClassVar[Counter[str]] = Counter()
+    shared: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -30,7 +44,7 @@ class PatientProtocol(H11Protocol):
         peer = transport.get_extra_info("peername")
         self._address = str(peer[0]) if peer else ""
         self.open[self._address] += 1
-        if self.open[self._address] > PER_ADDRESS or self.open.total() > AT_ONCE:
+        if (self.open[self._address] > PER_ADDRESS and self._address not in self.shared) or self.open.total() > AT_ONCE:
             transport.abort()
             return
         self._await_head()

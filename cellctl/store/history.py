@@ -44,7 +44,8 @@ class LayerFigures:
     powder_readback_mean_g_min: float
 
 
-def _event(row: RowMapping) -> Event:
+def event_of(row: RowMapping) -> Event:
+    """An event from its row."""
     return Event(
         seq=row["seq"], at=row["at"], kind=row["kind"], text=row["text"], job=row["job"], data=json.loads(row["data"])
     )
@@ -53,7 +54,7 @@ def _event(row: RowMapping) -> Event:
 def events_after(connection: Connection, seq: int, limit: int = 500) -> list[Event]:
     """The next events after number `seq`, in order."""
     rows = connection.execute(select(events).where(events.c.seq > seq).order_by(events.c.seq).limit(limit)).mappings()
-    return [_event(row) for row in rows]
+    return [event_of(row) for row in rows]
 
 
 def events_before(
@@ -77,13 +78,13 @@ def events_before(
         query = query.where(events.c.at >= since)
     if until is not None:
         query = query.where(events.c.at < until)
-    return [_event(row) for row in connection.execute(query).mappings()]
+    return [event_of(row) for row in connection.execute(query).mappings()]
 
 
 def events_of(connection: Connection, job: str) -> list[Event]:
     """All events of a job, in order."""
     return [
-        _event(row)
+        event_of(row)
         for row in connection.execute(select(events).where(events.c.job == job).order_by(events.c.seq)).mappings()
     ]
 

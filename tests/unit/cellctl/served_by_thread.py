@@ -14,6 +14,7 @@ from pathlib import Path
 
 import uvicorn
 
+from cellctl.api import wire
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import Service, Settings
 from cellctl.store import tokens
@@ -33,8 +34,8 @@ class AtPort:
 
 
 @contextmanager
-def at_port(folder: Path, empty_store: Path) -> Iterator[AtPort]:
-    """Serve until left. No planner works: what is submitted stays so."""
+def at_port(folder: Path, empty_store: Path, behind_proxy: str = "") -> Iterator[AtPort]:
+    """Serve until left, with the wires of the real process. No planner works: what is submitted stays so."""
     shutil.copytree(empty_store, folder / "store")
     (folder / "run").mkdir()
     service = build_service(Settings(folder / "store", folder / "run", find_facts("cells", "trunnion_tcp"), upload_limit_bytes=2_000_000))
@@ -42,7 +43,7 @@ def at_port(folder: Path, empty_store: Path) -> Iterator[AtPort]:
     with service.store.write() as rows:
         token = tokens.create(rows, "an engineer", Role.ENGINEER, service.store.clock())[1]
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        config = uvicorn.Config(make_app(service, "127.0.0.1"), log_config=None, timeout_graceful_shutdown=1)
+        config = uvicorn.Config(make_app(service, "127.0.0.1"), log_config=None, timeout_graceful_shutdown=1, **wire.options(behind_proxy))
         server = uvicorn.Server(config)
         thread = threading.Thread(target=lambda: asyncio.run(server.serve([listening])), name="served", daemon=True)
         thread.start()
