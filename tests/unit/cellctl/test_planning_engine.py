@@ -5,16 +5,25 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cellctl.api.app import build_service, make_app
+from cellctl.api.context import Settings
 from cellctl.planning.engine import Progress, Waits, unheard
+from cellctl.planning.pool.wire import PoolWire
 from cellctl.planning.process import WorkerError
 from cellctl.planning.task import Failed, Task
+from cellctl.store import Store, tokens
+from cellctl.store.tokens import Role
+from config import find_facts
+from tests.unit.cellctl.conftest import Web
+from tests.unit.cellctl.planning_house import free_port
 
 WHY = "no planning machine is in the pool"
-PATIENCE_S = 30.0
+PATIENCE_S = 90.0  # of a loaded machine that has to start processes
 
 
 class SlowEngine:
@@ -46,7 +55,7 @@ async def engine(web: Any) -> AsyncIterator[SlowEngine]:
 
 
 @pytest.fixture
-async def part_id(web: Any, block: Any) -> str:
+async def part_id(web: Any, block: Path) -> str:
     answer = await web.operator.post("/api/v1/parts", files={"file": ("block.stl", block.read_bytes())})
     return str(answer.json()["id"])
 
@@ -72,3 +81,28 @@ async def test_jobs_fill_the_places_of_their_engine_and_say_what_they_wait_for(w
     engine.come.set()
     jobs = await jobs_until(web, lambda items: {job["state"] for job in items[1:]} == {"failed"})
     assert [job["why"] for job in jobs[1:]] == ["", ""] and engine.running == 0
+
+
+@pytest.fixture
+async def pooled(tmp_path: Path, store: Store) -> AsyncIterator[Web]:
+    """A service with a pool whose scheduler is away."""
+    (tmp_path / "run").mkdir()
+    with store.write() as rows:
+        secrets = {role: tokens.create(rows, f"the {role.value}", role, store.clock())[1] for role in Role}
+    wire = PoolWire(f"tcp://127.0.0.1:{free_port()}")
+    service = build_service(Settings(tmp_path / "store", tmp_path / "run", find_facts("cells", "trunnion_tcp"), pool=wire))
+    app = make_app(service, "127.0.0.1")
+    async with app.router.lifespan_context(app):
+        made = Web(app, service, secrets, {})
+        yield made
+        for client in made.clients.values():
+            await client.aclose()
+
+
+async def test_service_whose_scheduler_is_away_inspects_parts_itself_and_keeps_jobs_waiting(pooled: Any, block: Path) -> None:
+    answer = await pooled.operator.post("/api/v1/parts", files={"file": ("block.stl", block.read_bytes())})
+    assert answer.status_code in (200, 201)
+    await pooled.operator.post("/api/v1/jobs", json={"part_id": answer.json()["id"], "recipe": {}})
+    jobs = await jobs_until(pooled, lambda items: "cannot be reached" in items[0]["why"])
+    assert jobs[0]["state"] == "planning" and pooled.service.settings.pool.address in jobs[0]["why"]
+    assert (await pooled.operator.post(f"/api/v1/jobs/{jobs[0]['id']}/cancel", json={})).json()["state"] == "cancelled"
