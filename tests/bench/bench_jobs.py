@@ -1,4 +1,7 @@
-"""A queue of 10,000 jobs: how fast it is listed, searched, submitted to, reordered, and its next job found; and what the process holds."""
+"""A queue of 10,000 jobs: how fast it is listed, searched, submitted to, reordered, and its next job found; and what the process holds.
+
+And a fleet: what a heartbeat costs, and how fast jobs for any cell are given out, on SQLite and on PostgreSQL beside it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import resource
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -19,13 +23,17 @@ from cellctl.store import Store, jobs, lanes, open_store, parts, tokens, upgrade
 from cellctl.store.jobs import JobRow
 from cellctl.store.lanes import Lane
 from cellctl.store.parts import Inspection, PartRow
+from cellctl.store.postgres import open_postgres
 from cellctl.store.schema import jobs as job_table
 from cellctl.store.tokens import Role
 from config import find_facts
 from tests.bench.table import Table
+from tests.postgres import find_binaries, running_cluster
+from tests.unit.cellctl.fleet_of import Host, made_ready, submit
 
 JOBS = 10_000
 CALLS = 100
+FLEET_JOBS = 200
 
 
 def percentile(values: list[float], share: float) -> float:
@@ -114,6 +122,38 @@ async def over_rest(settings: Settings, token: str) -> list[tuple[str, float, fl
     return rows
 
 
+def in_fleet(store: Store) -> tuple[float, float, float, float]:
+    """(p50 ms, p99 ms of a heartbeat; s and jobs/s of giving out FLEET_JOBS jobs for any of three cells)"""
+    part = made_ready(store)
+    hosts = [Host(store, name, time.time) for name in ("alpha", "beta", "gamma")]
+    _, p50, p99 = timed("heartbeat", lambda number: hosts[number % len(hosts)].beat())
+    for _ in range(FLEET_JOBS):
+        submit(store, part)
+    started = time.perf_counter()
+    given = hosts[0].beat()
+    taken_s = time.perf_counter() - started
+    assert len(given) == FLEET_JOBS
+    return p50, p99, taken_s, FLEET_JOBS / taken_s
+
+
+def fleet_table() -> Table:
+    """Both databases in one run, on the same disk."""
+    rows: list[tuple[object, ...]] = []
+    with tempfile.TemporaryDirectory(prefix="cellctl-bench-") as name:
+        folder = Path(name) / "store"
+        upgrade(folder)
+        store = open_store(folder)
+        rows.append(("SQLite", *in_fleet(store)))
+        if find_binaries() is not None:
+            with running_cluster() as cluster:
+                engine = open_postgres(cluster.url(cluster.fresh()))
+                rows.append(("PostgreSQL, fsync off", *in_fleet(replace(store, engine=engine))))
+                engine.dispose()
+        store.close()
+    head = ("database", "heartbeat p50 ms", "p99 ms", f"{FLEET_JOBS} jobs given out, s", "jobs/s")
+    return Table("Fleet: heartbeat and dispatch", head, rows, "three cells; a heartbeat each 2 s of each; jobs are given out in one transaction")
+
+
 def run() -> list[Table]:
     """Fill two stores and ask both; the small one shows what does not grow with the queue."""
     found: list[list[tuple[str, float, float]]] = []
@@ -142,4 +182,5 @@ def run() -> list[Table]:
             "Jobs: a queue of 10,000 over REST", ("request", "p50 ms", "p99 ms"), rest,
             f"in this process, without a socket, one client; {submits:.0f} submits/s; greatest memory grew by {grown:.0f} MiB",
         ),
+        fleet_table(),
     ]  # fmt: skip

@@ -54,6 +54,7 @@ class RunningCell:
     def __init__(self, **simulation: Any) -> None:
         """simulation : facts of the simulated plant beside the shipped cell file's"""
         self._simulation = simulation
+        self.shares: tuple[str, ...] = ()
         self.folder = Path(tempfile.mkdtemp(prefix="console-"))
         self.run = self.folder / "run"
         self.url = ""
@@ -65,12 +66,15 @@ class RunningCell:
             undo.callback(self.__exit__)
             given = str(self._cell_file())
             self._start("sim", "--cell", given, "--run", str(self.run), "--time-scale", str(TIME_SCALE))
-            words = ("--cell", str(self.run / "cell.toml"), "--store", str(self.store), "--run", str(self.run))
-            self._start("cellctl", "serve", *words, "--port", "0", "--stop-port", "0")
-            address = json.loads((self.run / "service.json").read_text(encoding="utf-8"))
-            self.url, self.stop_url = address["url"], address["stop_url"]
+            self._serve()
             undo.pop_all()
         return self
+
+    def _serve(self) -> None:
+        words = ("--cell", str(self.run / "cell.toml"), "--store", str(self.store), "--run", str(self.run), *self.shares)
+        self._start("cellctl", "serve", *words, "--port", "0", "--stop-port", "0")
+        address = json.loads((self.run / "service.json").read_text(encoding="utf-8"))
+        self.url, self.stop_url = address["url"], address["stop_url"]
 
     def __exit__(self, *_error: object) -> None:
         for child in reversed(self._children):
@@ -153,25 +157,29 @@ class RunningCell:
             self.thaw(module)
         self.sim("release_estop")
         self.sim("close_door")
+        with Client(self.url, self.token) as client:
+            self.make_ready_with(client)
+
+    def make_ready_with(self, client: Client) -> None:
+        """As somebody at the page brings it there. Raises AssertionError."""
         seen = "nothing was heard of the cell"
         end = time.monotonic() + KNOWN_S
-        with Client(self.url, self.token) as client:
-            while time.monotonic() < end:
-                try:
-                    self._cancel_jobs(client)
-                    snapshot = client.snapshot()
-                    alarms = "; ".join(alarm["cause"] for alarm in snapshot["alarms"])
-                    seen = f"{snapshot['state']} because {snapshot['because']}; alarms: {alarms or 'none'}"
-                    if snapshot["state"] == "IDLE" and not snapshot["alarms"]:
-                        client.take_control("the next test begins")
-                        client.release_control()
-                        return
-                    if (verb := NEXT_VERB.get(snapshot["state"])) is not None:
-                        client.take_control("the next test begins")
-                        client.command(verb, "the next test begins")
-                except ServiceError as error:  # a reset while it comes to rest, a service that starts again: next time
-                    seen = f"{seen}; {error.message}"
-                time.sleep(POLL_S)
+        while time.monotonic() < end:
+            try:
+                self._cancel_jobs(client)
+                snapshot = client.snapshot()
+                alarms = "; ".join(alarm["cause"] for alarm in snapshot["alarms"])
+                seen = f"{snapshot['state']} because {snapshot['because']}; alarms: {alarms or 'none'}"
+                if snapshot["state"] == "IDLE" and not snapshot["alarms"]:
+                    client.take_control("the next test begins")
+                    client.release_control()
+                    return
+                if (verb := NEXT_VERB.get(snapshot["state"])) is not None:
+                    client.take_control("the next test begins")
+                    client.command(verb, "the next test begins")
+            except ServiceError as error:  # a reset while it comes to rest, a service that starts again: next time
+                seen = f"{seen}; {error.message}"
+            time.sleep(POLL_S)
         raise AssertionError(f"the cell cannot be made ready for the next test within {KNOWN_S:g} s: {seen}")
 
     def _cancel_jobs(self, client: Client) -> None:
