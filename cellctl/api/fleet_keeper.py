@@ -112,6 +112,8 @@ class FleetKeeper:
             self._changed(job_id)
         if beat.has_work:
             self._queue.wake()
+        if len(beat.changed) >= dispatcher.AT_ONCE:  # there may be more
+            self.wake()
 
     def _beat(self, told: Told, working: Sequence[str]) -> Beat:
         silent = {member.cell for member in self.members if member.is_dead}

@@ -41,7 +41,7 @@ OF_THAT_CELL: dict[str, Any] = {
     "program_sha256": None, "proof_sha256": None, "proof": None,
 }  # fmt: skip
 """What was made and said for the cell that a job leaves: the next one's program is another, and a person looks at its proof."""
-AT_ONCE = 500  # jobs given out by one transaction: the write lock is everybody's
+AT_ONCE = 50  # jobs given out by one transaction, some tenths of a second: the write lock is everybody's
 UNFINISHED = tuple(state.value for state in JobState if state not in ENDED)
 
 

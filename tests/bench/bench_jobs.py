@@ -130,9 +130,11 @@ def in_fleet(store: Store) -> tuple[float, float, float, float]:
     for _ in range(FLEET_JOBS):
         submit(store, part)
     started = time.perf_counter()
-    given = hosts[0].beat()
+    given = 0
+    while found := hosts[0].beat():
+        given += len(found)
     taken_s = time.perf_counter() - started
-    assert len(given) == FLEET_JOBS
+    assert given == FLEET_JOBS
     return p50, p99, taken_s, FLEET_JOBS / taken_s
 
 
@@ -151,7 +153,8 @@ def fleet_table() -> Table:
                 engine.dispose()
         store.close()
     head = ("database", "heartbeat p50 ms", "p99 ms", f"{FLEET_JOBS} jobs given out, s", "jobs/s")
-    return Table("Fleet: heartbeat and dispatch", head, rows, "three cells; a heartbeat each 2 s of each; jobs are given out in one transaction")
+    note = "three cells, each with a heartbeat every 2 s; up to 50 jobs are given out in one transaction"
+    return Table("Fleet: heartbeat and dispatch", head, rows, note)
 
 
 def run() -> list[Table]:
