@@ -17,7 +17,9 @@ def backup(
     store: StoreFolder = DEFAULT_STORE,
     json: Json = False,
 ) -> None:
-    """Write a backup of the store; the service may go on working. It holds the key that seals records: keep it safe."""
+    """Write a backup of the store; the service may go on working. It holds the key that seals records: keep it safe.
+
+    Of a store that is shared: what this host has for itself; what else is to be backed up is told."""
     from cellctl.store.backup import back_up
 
     with output.progress(json) as told:
@@ -26,6 +28,8 @@ def backup(
         output.as_json(made.__dict__)
     else:
         output.line(f"{file}: {made.files} files, {made.bytes / 1e6:.1f} MB, schema {made.revision}")
+        if made.not_in_it:
+            output.line(f"not in it: {made.not_in_it}")
 
 
 def restore(

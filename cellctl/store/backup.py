@@ -1,5 +1,8 @@
 """Backup and restore of a store: one tar file, taken while the service runs, complete or refused.
 
+Of a store that is shared it holds what this host has for itself: what its cell process wrote, and the key. The shared database is backed
+up by `pg_dump`, the shared files by a copy that is taken after it: who restores both has all that the dump names.
+
 The database comes first, as one state of it (SQLite's online backup), then the files that it names: they are named by their
 content, written before the row that names them and never changed, so that every row of the copy finds its file. The manifest at
 the end holds the hash of every member. A restore checks all of it beside its place and moves it there in one step.
@@ -23,6 +26,7 @@ from typing import IO, Any
 
 from cellctl.store.blobs import KINDS
 from cellctl.store.engine import DATABASE, StoreError
+from cellctl.store.shared import shared_of
 
 SCHEMA = 1
 MANIFEST = "backup.json"
@@ -34,12 +38,13 @@ Told = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Backup:
-    """What a backup holds. at : Unix time (s); revision : of the schema; bytes : of all members"""
+    """What a backup holds. at : Unix time (s); revision : of the schema; bytes : of all members; not_in_it : what is to be backed up besides"""
 
     at: float
     revision: str
     files: int
     bytes: int
+    not_in_it: str = ""
 
 
 class _Hashing:
@@ -60,6 +65,7 @@ def back_up(store: Path, target: Path, at: float, told: Told = lambda _stage, _s
     """Write a backup of a store into a new file. Raises StoreError; then there is no file."""
     if not (store / DATABASE).is_file():
         raise StoreError(f"{store}: there is no store here", "name its folder with --store")
+    shared = shared_of(store)
     if target.exists():
         raise StoreError(f"{target}: is there already", "name a new file; a backup is never written over another")
     beside = target.with_name(f".{target.name}.part")
@@ -68,7 +74,7 @@ def back_up(store: Path, target: Path, at: float, told: Told = lambda _stage, _s
             copy = Path(scratch) / DATABASE
             revision = _copy_database(store / DATABASE, copy, told)
             with beside.open("xb") as raw, tarfile.open(fileobj=raw, mode="w", format=tarfile.PAX_FORMAT) as tar:
-                hashes = _add_all(tar, copy, store, told)
+                hashes = _add_all(tar, copy, store, shared is None, told)
                 size = sum(entry["bytes"] for entry in hashes.values())
                 document = {"schema": SCHEMA, "at": at, "revision": revision, "files": hashes}
                 _add_bytes(tar, MANIFEST, json.dumps(document, indent=1).encode())
@@ -83,7 +89,10 @@ def back_up(store: Path, target: Path, at: float, told: Told = lambda _stage, _s
         raise StoreError(f"{target}: the backup cannot be written: {error}", "make room, or name a place that can be written") from None
     finally:
         beside.unlink(missing_ok=True)
-    return Backup(at, revision, len(hashes), size)
+    if shared is None:
+        return Backup(at, revision, len(hashes), size)
+    line = f"jobs, people and the audit trail in {shared.database.render_as_string()} (pg_dump), then the files in {shared.files}"
+    return Backup(at, revision, len(hashes), size, line)
 
 
 def _copy_database(source: Path, target: Path, told: Told) -> str:
@@ -96,9 +105,10 @@ def _copy_database(source: Path, target: Path, told: Told) -> str:
     return str(row[0])
 
 
-def _add_all(tar: tarfile.TarFile, database: Path, store: Path, told: Told) -> dict[str, dict[str, Any]]:
+def _add_all(tar: tarfile.TarFile, database: Path, store: Path, has_files: bool, told: Told) -> dict[str, dict[str, Any]]:
     """Database, key and blobs; name -> {sha256, bytes}."""
-    members = [(DATABASE, database), *((name, store / name) for name in BESIDE if (store / name).is_file()), *_blobs(store / "blobs")]
+    beside = [(name, store / name) for name in BESIDE if (store / name).is_file()]
+    members = [(DATABASE, database), *beside, *(_blobs(store / "blobs") if has_files else ())]
     hashes = {}
     for k, (name, path) in enumerate(members):
         told("files", k / len(members))

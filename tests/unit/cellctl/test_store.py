@@ -12,7 +12,19 @@ from alembic.migration import MigrationContext
 from sqlalchemy import URL
 
 from cellctl.domain.jobs import STEPS, JobState, WrongJobStateError
-from cellctl.store import Store, StoreError, blobs, idempotency, jobs, open_store, parts, sessions, tokens, upgrade
+from cellctl.store import (
+    Store,
+    StoreError,
+    audit,
+    blobs,
+    idempotency,
+    jobs,
+    open_store,
+    parts,
+    sessions,
+    tokens,
+    upgrade,
+)
 from cellctl.store.engine import DATABASE, blobs_of
 from cellctl.store.idempotency import KeyReusedError
 from cellctl.store.ids import new_id
@@ -140,6 +152,14 @@ def test_job_moves_along_the_table_only(store: Store, state: JobState) -> None:
         else:
             with pytest.raises(WrongJobStateError), store.write() as rows:
                 jobs.move(rows, job.id, target, at=5.0)
+
+
+def test_a_deed_is_written_down_whatever_was_typed(store: Store) -> None:
+    with store.write() as rows:
+        audit.add(rows, audit.Deed("me", "operator", "here", "stop", "cell", "a\0b"), 1.0, "ok")
+        assert [one["because"] for one in audit.of_target(rows, "cell")] == ["a\N{SYMBOL FOR NULL}b"]
+    with store.read() as rows:
+        assert audit.verify(rows).fault == ""
 
 
 def test_pages_hold_every_job_once_while_others_are_added(store: Store) -> None:

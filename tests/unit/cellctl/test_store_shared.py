@@ -11,6 +11,7 @@ import pytest
 from sqlalchemy import URL, insert
 
 from cellctl.store import Store, StoreError, blobs, history, jobs, open_store, upgrade, webhooks
+from cellctl.store.backup import back_up, restore
 from cellctl.store.jobs import JobRow
 from cellctl.store.schema import events
 from cellctl.store.shared import Wanted, share, shared_of, told_url
@@ -145,6 +146,21 @@ def test_shared_database_that_cannot_be_reached_is_told_in_one_line_at_the_start
     with pytest.raises(StoreError, match="refused") as caught:
         upgrade(tmp_path / "store")
     assert "\n" not in caught.value.message and "PostgreSQL runs" in caught.value.hint
+
+
+def test_backup_of_a_host_holds_what_is_its_own_and_tells_what_is_not_in_it(one: Store, tmp_path: Path) -> None:
+    with one.write_cell() as rows:
+        rows.execute(insert(events).values(at=1.0, kind="alarm", text="the door is open"))
+    one.blobs.plan("a" * 64).write_bytes(b"plan")
+    made = back_up(one.folder, tmp_path / "host.tar", 1.0)
+    assert made.files == 1 and "pg_dump" in made.not_in_it and str(tmp_path / "files") in made.not_in_it
+    restore(tmp_path / "host.tar", tmp_path / "again")
+    share(tmp_path / "again", Wanted(f"@{tmp_path / 'shared.url'}", tmp_path / "files"))
+    upgrade(tmp_path / "again")
+    again = open_store(tmp_path / "again")
+    with again.read_cell() as rows:
+        assert [event.text for event in history.events_after(rows, 0)] == ["the door is open"]
+    again.close()
 
 
 def test_reads_and_writes_of_a_store_recover_when_the_server_is_back(one: Store, postgres: Cluster) -> None:
