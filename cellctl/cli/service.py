@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,6 +19,11 @@ from cellctl.cli.input import (
     RunFolder,
     StoreFolder,
 )
+
+if TYPE_CHECKING:
+    from cellctl.planning.pool.wire import PoolWire
+    from cellctl.store.shared import Wanted
+    from cellctl.supervise import Address
 
 Port = Annotated[
     int | None,
@@ -87,39 +93,58 @@ def serve(
     """Run the service: the cell process, the web process with the console, and the planning workers."""
     import asyncio
 
-    from cellctl.first_start import has_admin
-    from cellctl.planning.pool.wire import PoolWire
     from cellctl.reach import Wire
-    from cellctl.store.shared import Wanted, shared_of
-    from cellctl.supervise import Address, Options, Supervisor
-
-    def ready(address: Address, secret: str | None) -> None:
-        if json:
-            output.as_json({"url": address.url, "stop_port": address.stop_port, "operator_token": secret})
-            return
-        output.line(f"console and REST  {address.url}")
-        output.line(f"store             {store}    run directory  {run}")
-        if (shared := shared_of(store)) is not None:
-            output.line(f"shared            {shared.database.render_as_string()}    files  {shared.files}")
-        if secret is not None:
-            output.line(f"operator token    {secret}")
-            output.line(f"                  (shown once; for this user also in {store / 'operator.token'})")
-        if not has_admin(store):
-            output.line("no admin yet      `cellctl user add NAME --role admin` makes one, who makes the others at the console")
-        output.line("Ctrl-C stops the service.")
-
-    def say(text: str) -> None:
-        typer.echo(f"cellctl: {text}", err=True)
+    from cellctl.supervise import Options, Supervisor
 
     wire = Wire(tls_cert, tls_key, plain, behind_proxy, stop_url, tuple(name or ()))
-    pool = PoolWire(planning_scheduler, planning_cert, planning_key, planning_ca, planning_plain) if planning_scheduler else None
-    if pool is None and (planning_cert or planning_key or planning_ca or planning_plain):
+    pool = _pool(planning_scheduler, planning_cert, planning_key, planning_ca, planning_plain)
+    shared = _shared(shared_database, shared_files)
+    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb, wire, pool, shared)
+    asyncio.run(Supervisor(options, _say, partial(_tell_ready, store, run, json)).run())
+
+
+def _pool(scheduler: str, cert: Path | None, key: Path | None, ca: Path | None, plain: bool) -> PoolWire | None:
+    """How a planning pool is reached, None without one. Raises InputFault."""
+    from cellctl.planning.pool.wire import PoolWire
+
+    if scheduler:
+        return PoolWire(scheduler, cert, key, ca, plain)
+    if cert or key or ca or plain:
         raise InputFault("options of a planning pool are given without its scheduler", "give --planning-scheduler ADDRESS")
-    if bool(shared_database) != (shared_files is not None):
+    return None
+
+
+def _shared(database: str, files: Path | None) -> Wanted | None:
+    """What the store shares by the command line, None if that says nothing. Raises InputFault."""
+    from cellctl.store.shared import Wanted
+
+    if bool(database) != (files is not None):
         raise InputFault("a store is shared by its database and its files", "give both --shared-database URL and --shared-files DIR")
-    wanted = Wanted(shared_database, shared_files) if shared_files is not None else None
-    options = Options(cell, store, run, host, port, stop_port, upload_limit_mb, worker_memory_mb, wire, pool, wanted)
-    asyncio.run(Supervisor(options, say, ready).run())
+    return Wanted(database, files) if files is not None else None
+
+
+def _say(text: str) -> None:
+    typer.echo(f"cellctl: {text}", err=True)
+
+
+def _tell_ready(store: Path, run: Path, json: bool, address: Address, secret: str | None) -> None:
+    """Where the service is, and what is left to do. secret : the first token, on the first start"""
+    from cellctl.first_start import has_admin
+    from cellctl.store.shared import shared_of
+
+    if json:
+        output.as_json({"url": address.url, "stop_port": address.stop_port, "operator_token": secret})
+        return
+    output.line(f"console and REST  {address.url}")
+    output.line(f"store             {store}    run directory  {run}")
+    if (shared := shared_of(store)) is not None:
+        output.line(f"shared            {shared.database.render_as_string()}    files  {shared.files}")
+    if secret is not None:
+        output.line(f"operator token    {secret}")
+        output.line(f"                  (shown once; for this user also in {store / 'operator.token'})")
+    if not has_admin(store):
+        output.line("no admin yet      `cellctl user add NAME --role admin` makes one, who makes the others at the console")
+    output.line("Ctrl-C stops the service.")
 
 
 def sim(

@@ -48,32 +48,14 @@ parts = Table(
     sqlite_autoincrement=True,
 )
 
-plans = Table(
-    "plans",
-    metadata,
-    Column("key", String(64), primary_key=True),
-    Column("sha256", String(64), nullable=False),
-    Column("summary", Text, nullable=False),
-    Column("created_at", Real, nullable=False),
-)
 
-programs = Table(
-    "programs",
-    metadata,
-    Column("key", String(64), primary_key=True),
-    Column("sha256", String(64), nullable=False),
-    Column("summary", Text, nullable=False),
-    Column("created_at", Real, nullable=False),
-)
+def _made(name: str) -> Table:
+    """What was made once of the same, by the key of what it was made from."""
+    key, sha256 = Column("key", String(64), primary_key=True), Column("sha256", String(64), nullable=False)
+    return Table(name, metadata, key, sha256, Column("summary", Text, nullable=False), Column("created_at", Real, nullable=False))
 
-proofs = Table(
-    "proofs",
-    metadata,
-    Column("key", String(64), primary_key=True),
-    Column("sha256", String(64), nullable=False),
-    Column("summary", Text, nullable=False),
-    Column("created_at", Real, nullable=False),
-)
+
+plans, programs, proofs = _made("plans"), _made("programs"), _made("proofs")
 
 jobs = Table(
     "jobs",
