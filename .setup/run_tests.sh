@@ -13,13 +13,13 @@ fi
 FOLDER=$(mktemp -d)
 trap 'rm -rf "$FOLDER"' EXIT
 mkdir "$FOLDER/taken"
-DEALT=("$PYTHON" -m pytest -o console_output_style=classic -p no:cacheprovider -p tests.dealing --deal "$FOLDER/taken" --lane)
+DEALT=("$PYTHON" -m pytest -o console_output_style=classic -p no:cacheprovider -c pyproject.toml -p tests.dealing "--deal=$FOLDER/taken")
 
-"${DEALT[@]}" computed >"$FOLDER/computed" 2>&1 &
+"${DEALT[@]}" --lane=computed >"$FOLDER/computed" 2>&1 &
 computed=$!
-nice -n 10 "${DEALT[@]}" gaps >"$FOLDER/gaps" 2>&1 &
+nice -n 10 "${DEALT[@]}" --lane=gaps >"$FOLDER/gaps" 2>&1 &
 gaps=$!
-"${DEALT[@]}" served
+"${DEALT[@]}" --lane=served
 failed=$?
 for lane in computed gaps; do
     wait "${!lane}" || failed=1

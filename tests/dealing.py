@@ -1,6 +1,6 @@
 """Deals the test modules to several pytest processes: each takes the next that none has, so that all end together.
 
-`python -m pytest -p tests.dealing --deal FOLDER --lane served|computed|gaps`, once for each lane, with one empty folder for all.
+`python -m pytest -p tests.dealing --deal=FOLDER --lane=served|computed|gaps`, once for each lane, with one empty folder for all.
 One lane talks to services, wires and browsers, which wait more than they compute, one computes; each goes on with what the other has
 left. The third is for the gaps of both, at a low priority: it takes short modules only, of those whose tests start no process.
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).resolve().parents[1]
 LANES = ("served", "computed", "gaps")
 SERVED = (
     "tests/console/", "tests/wire/", "tests/cell/test_going_on_over_rest.py", "tests/cell/test_process.py",
@@ -41,11 +42,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--lane", choices=LANES, required=True, help="which modules this process takes, and in which order")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse to run without the repository's settings: pytest takes a folder that is named apart from `--deal=` for where the tests are."""
+    if config.inipath is None or config.rootpath != ROOT:
+        raise pytest.UsageError(f"{config.rootpath} is not where the tests are; name the folder as --deal=FOLDER")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """What a lane never takes it does not load."""
+    is_other = collection_path.is_file() and not collection_path.relative_to(config.rootpath).as_posix().startswith(PURE)
+    return True if is_other and config.getoption("lane") == "gaps" else None
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop(session: pytest.Session) -> bool:
     """Run what this process takes, a module at a time."""
     if session.testsfailed:
         raise session.Interrupted(f"{session.testsfailed} errors while collecting")
+    if session.config.option.collectonly:
+        return True
     items = taken(session)
     item = next(items, None)
     while item is not None:
