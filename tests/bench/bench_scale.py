@@ -32,7 +32,9 @@ from tests.bench.scale_inside import inside
 from tests.bench.table import Cell, Table
 
 JOBS = 4
-PLANS = 12  # cheapest tasks one after another, for the cost of one
+ROUNDS = 2
+SMALLEST = 8  # of the cheapest tasks one after another, for the cost of one
+STAGES = os.environ.get("SCALE_STAGES", "plan,post,prove").split(",")
 MEMORY_BYTES = 8 * 2**30
 START_S = 180.0
 CELL_FILE = str(FACTS_DIR / "cells" / "trunnion_tcp.toml")
@@ -48,33 +50,39 @@ def run() -> list[Table]:
 
 
 async def _engines() -> list[Table]:
-    rows: list[list[Cell]] = []
+    """All engines stand ready and take turns, so that what else the machine does falls on all of them alike."""
     with tempfile.TemporaryDirectory(prefix="bench-scale-") as place:
         root = Path(place)
         own = Workers(root, MEMORY_BYTES)
-        await _jobs(own, root / "warm", 1)  # kernels are compiled and files read before the clock starts
-        alone_s, made = await _jobs(own, root / "own", JOBS)
-        rows.append(["embedded", 1, alone_s, 1.0, "", 0.0, 0.0, "-"])
-        one_own = [await _one(own, root / f"own-{k}") for k in range(PLANS)]
-        one_pool: list[float] = []
-        costs: list[Costs] = []
-        first_s = 0.0
-        for machines in (1, 2):
-            async with _pool(root / f"pool-{machines}", machines) as pool:
-                await _jobs(pool, root / f"warm-{machines}", 1)
-                pool.costs.clear()
-                took_s, same = await _jobs(pool, root / f"pool-{machines}" / "jobs", JOBS)
-                sent, fetched = sum(cost.sent_bytes for cost in pool.costs), sum(cost.fetched_bytes for cost in pool.costs)
-                first_s = first_s or took_s
-                kind = "same bytes" if same == made else "OTHER BYTES"
-                rows.append([f"pool, {machines} machines", machines, took_s, alone_s / took_s, first_s / took_s, sent / 1e6, fetched / 1e6, kind])
-                if machines == 1:
-                    pool.costs.clear()
-                    one_pool = [await _one(pool, root / f"pool-one-{k}") for k in range(PLANS)]
-                    costs = list(pool.costs)
-    note = f"{JOBS} jobs, each planned, posted and proven; {_load()}; one run, one engine after another; results compared with the embedded ones."
-    columns = ["engine", "places", "wall s", "speed-up", "over 1 machine", "sent MB", "fetched MB", "results"]
-    return [Table("Planning on more machines", columns, rows, note), _costs(one_own, one_pool, costs)]
+        async with _pool(root / "pool-1", 1) as one, _pool(root / "pool-2", 2) as two:
+            engines: dict[str, Engine] = {"embedded": own, "pool, 1 machine": one, "pool, 2 machines": two}
+            for number, engine in enumerate(engines.values()):
+                await asyncio.gather(*(_one(engine, root / f"warm-{number}-{k}") for k in range(engine.places)))
+            await _jobs(own, root / "warm", 1)  # kernels are compiled and files read before the clock starts
+            one.costs.clear()
+            two.costs.clear()
+            took = dict.fromkeys(engines, 0.0)
+            made: dict[str, list[str]] = {name: [] for name in engines}
+            for turn in range(ROUNDS):
+                for number, (name, engine) in enumerate(engines.items()):
+                    seconds, hashes = await _jobs(engine, root / f"turn-{turn}-{number}", JOBS)
+                    took[name] += seconds
+                    made[name] += hashes
+            moved = {"embedded": [], "pool, 1 machine": list(one.costs), "pool, 2 machines": list(two.costs)}
+            one.costs.clear()
+            beside = [(await _one(own, root / f"own-{k}"), await _one(one, root / f"pool-one-{k}")) for k in range(SMALLEST)]
+            costs = list(one.costs)
+    rows: list[list[Cell]] = [
+        [
+            name, engine.places, took[name], took["embedded"] / took[name], took["pool, 1 machine"] / took[name],
+            sum(cost.sent_bytes for cost in moved[name]) / 1e6, sum(cost.fetched_bytes for cost in moved[name]) / 1e6,
+            "the same bytes" if made[name] == made["embedded"] else "OTHER BYTES",
+        ]
+        for name, engine in engines.items()
+    ]  # fmt: skip
+    note = f"{ROUNDS} times {JOBS} jobs ({', '.join(STAGES)}), the engines in turn; {_load()}. Results are compared by hash."
+    columns = ["engine", "places", "wall s", "to embedded", "to 1 machine", "sent MB", "fetched MB", "results"]
+    return [Table("Planning on more machines", columns, rows, note), _costs(*zip(*beside, strict=True), costs)]
 
 
 def _load() -> str:
@@ -91,10 +99,10 @@ def _costs(own: Sequence[float], pool: Sequence[float], costs: Sequence[Costs]) 
     }
     rows: list[list[Cell]] = [[name, 1000.0 * statistics.median(values), 1000.0 * max(values)] for name, values in parts.items()]
     beside = [whole - cost.work_s for whole, cost in zip(pool, costs, strict=True)]
-    rows.append(["all beside the work", 1000.0 * statistics.median(beside), 1000.0 * max(beside)])
+    rows.append(["all of it beside the work", 1000.0 * statistics.median(beside), 1000.0 * max(beside)])
     rows.append(["whole task on the pool", 1000.0 * statistics.median(pool), 1000.0 * max(pool)])
     rows.append(["the same task embedded", 1000.0 * statistics.median(own), 1000.0 * max(own)])
-    note = f"{PLANS} inspections of the pipe's mesh one after another, 1 machine; {_load()}. The first sends the mesh, the others find it there."
+    note = f"{SMALLEST} inspections of the pipe's mesh one after another, 1 machine; {_load()}. The first sends the mesh, the others find it there."
     return Table("Cost of a task on a pool", ["part", "median ms", "most ms"], rows, note)
 
 
@@ -131,7 +139,7 @@ async def _job(engine: Engine, folder: Path, number: int) -> str:
         ("post", {"plan": str(folder / "plan" / PLAN_FILE)}),
         ("prove", {"program": str(folder / "post" / PROGRAM_FOLDER)}),
     ]
-    for kind, fields in steps:
+    for kind, fields in steps[: len(STAGES)]:
         place = folder / kind
         place.mkdir()
         task = Task(kind=kind, folder=str(place), parent=0, memory_bytes=0, part_name="block", mesh=str(mesh), cell=CELL_FILE, **fields)  # type: ignore[arg-type]
