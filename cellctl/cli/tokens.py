@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cellctl.cli import output
+from cellctl.cli import local_store, output
 from cellctl.cli.input import DEFAULT_STORE, InputFault, Json, StoreFolder
 
 if TYPE_CHECKING:
@@ -60,18 +60,14 @@ def create(
     json: Json = False,
 ) -> None:
     """Make a token and print it; it is nowhere else."""
-    from cellctl.store import audit, open_store, tokens, upgrade
+    from cellctl.store import tokens, upgrade
 
     wanted, scopes = asked_role(role), asked_scopes(scope)
     upgrade(store)
-    opened = open_store(store)
-    try:
-        with opened.write() as rows:
-            now = opened.clock()
-            row, secret = tokens.create(rows, name, wanted, now, days * 86400.0 if days is not None else None, scopes)
-            audit.add(rows, audit.Deed("command line", "admin", "local", "create token", row.id, ""), now, "ok")
-    finally:
-        opened.close()
+    lasts_s = days * 86400.0 if days is not None else None
+    row, secret = local_store.change(
+        store, "create token", lambda rows, at: tokens.create(rows, name, wanted, at, lasts_s, scopes), lambda made: made[0].id, "token"
+    )
     if json:
         output.as_json({**shown(row), "secret": secret})
     else:
@@ -103,20 +99,9 @@ def revoke(
     token: Annotated[str, typer.Argument(help="Its id.")], store: StoreFolder = DEFAULT_STORE, json: Json = False
 ) -> None:
     """End a token and its sessions."""
-    from cellctl.store import audit, open_store, tokens
-    from cellctl.store.parts import NotFoundError
+    from cellctl.store import tokens
 
-    opened = open_store(store)
-    try:
-        with opened.write() as rows:
-            row = tokens.revoke(rows, token, opened.clock())
-            audit.add(
-                rows, audit.Deed("command line", "admin", "local", "revoke token", row.id, ""), opened.clock(), "ok"
-            )
-    except NotFoundError as error:
-        raise InputFault(str(error), "`cellctl token list` lists them") from None
-    finally:
-        opened.close()
+    row = local_store.change(store, "revoke token", lambda rows, at: tokens.revoke(rows, token, at), lambda ended: ended.id, "token")
     if json:
         output.as_json(shown(row))
     else:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cellctl.cli import output
+from cellctl.cli import local_store, output
 from cellctl.cli.input import DEFAULT_STORE, InputFault, Json, StoreFolder
 from cellctl.cli.tokens import asked_role, day
 
@@ -38,22 +38,9 @@ def asked_password(name: str) -> str:
     return password
 
 
-def change(store: Path, verb: str, name: str, how: Callable[[Connection, float], UserRow], outcome: str = "ok") -> UserRow:
-    """Do it and write it down. Raises InputFault."""
-    from cellctl.store import audit, open_store
-    from cellctl.store.parts import NotFoundError
-
-    opened = open_store(store)
-    try:
-        with opened.write() as rows:
-            row = how(rows, opened.clock())
-            deed = audit.Deed(f"command line ({getpass.getuser()})", "admin", "local", verb, row.name, "")
-            audit.add(rows, deed, opened.clock(), outcome)
-    except NotFoundError:
-        raise InputFault(f"there is no user {name}", "`cellctl user list` lists them") from None
-    finally:
-        opened.close()
-    return row
+def change(store: Path, verb: str, how: Callable[[Connection, float], UserRow], outcome: str = "ok") -> UserRow:
+    """Change a user and write it down. Raises InputFault."""
+    return local_store.change(store, verb, how, lambda row: row.name, "user", outcome)
 
 
 def shown(row: UserRow) -> dict[str, object]:
@@ -78,7 +65,7 @@ def add(name: Name, role: Role = "operator", store: StoreFolder = DEFAULT_STORE,
     wanted = asked_role(role)
     upgrade(store)
     kept = passwords.hashed(asked_password(name))
-    row = change(store, "create user", name, lambda rows, at: users.create(rows, name, wanted, kept, at), f"ok: {wanted.value}")
+    row = change(store, "create user", lambda rows, at: users.create(rows, name, wanted, kept, at), f"ok: {wanted.value}")
     told(row, f"{row.name} can sign in as {row.role.value}", json)
 
 
@@ -107,7 +94,7 @@ def password(name: Name, store: StoreFolder = DEFAULT_STORE, json: Json = False)
     from cellctl.store import users
 
     kept = passwords.hashed(asked_password(name))
-    row = change(store, "set password", name, lambda rows, at: users.set_password(rows, name, kept, at))
+    row = change(store, "set password", lambda rows, at: users.set_password(rows, name, kept, at))
     told(row, f"{row.name} has a new password; every session of {row.name} has ended", json)
 
 
@@ -116,7 +103,7 @@ def disable(name: Name, store: StoreFolder = DEFAULT_STORE, json: Json = False) 
     """Nobody signs in as this user any more; its sessions end."""
     from cellctl.store import users
 
-    row = change(store, "disable user", name, lambda rows, at: users.set_disabled(rows, name, True, at))
+    row = change(store, "disable user", lambda rows, at: users.set_disabled(rows, name, True, at))
     told(row, f"{row.name} is disabled", json)
 
 
@@ -125,7 +112,7 @@ def enable(name: Name, store: StoreFolder = DEFAULT_STORE, json: Json = False) -
     """A disabled user may sign in again."""
     from cellctl.store import users
 
-    row = change(store, "enable user", name, lambda rows, at: users.set_disabled(rows, name, False, at))
+    row = change(store, "enable user", lambda rows, at: users.set_disabled(rows, name, False, at))
     told(row, f"{row.name} can sign in as {row.role.value}", json)
 
 
@@ -138,5 +125,5 @@ def set_role(
     from cellctl.store import users
 
     wanted = asked_role(role)
-    row = change(store, "change role", name, lambda rows, _at: users.set_role(rows, name, wanted), f"ok: {wanted.value}")
+    row = change(store, "change role", lambda rows, _at: users.set_role(rows, name, wanted), f"ok: {wanted.value}")
     told(row, f"{row.name} is {row.role.value}", json)
