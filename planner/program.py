@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +86,28 @@ class Continues:
 
 
 @dataclass(frozen=True)
+class ProcessWindow:
+    """What the version of the material that a Program was posted with allows, each as (least, greatest). material_sha256 : which version"""
+
+    material_sha256: str
+    laser_w: tuple[float, float]
+    powder_g_min: tuple[float, float]
+
+    @classmethod
+    def from_document(cls, told: Mapping[str, Any]) -> ProcessWindow:
+        """From its JSON. Raises LookupError, TypeError, ValueError for what is none."""
+        laser_w, powder_g_min = (_range(name, told[name]) for name in ("laser_w", "powder_g_min"))
+        return cls(str(told["material_sha256"]), laser_w, powder_g_min)
+
+
+def _range(name: str, told: Any) -> tuple[float, float]:
+    low, high = (float(value) for value in told)
+    if not 0.0 <= low <= high < math.inf:
+        raise ValueError(f"window: {name} is from {low} to {high}")
+    return low, high
+
+
+@dataclass(frozen=True)
 class Program:
     """A postable, provable, runnable job.
 
@@ -96,6 +121,7 @@ class Program:
     gate : "stream" (M62/M63 in the text) or "modbus" (EMISSION entries in the schedule)
     stock_allowance_mm : process "mill": what it cuts from is the part's box, grown by this sideways and upwards; None: a given stock
     continues : of which Program, from which point on, this one makes the rest; None: it makes the whole part
+    window : of the material; None: nothing is deposited, or it was posted by a version that did not say
     """
 
     part_name: str
@@ -120,4 +146,5 @@ class Program:
     duration_s: float
     stock_allowance_mm: float | None = None
     continues: Continues | None = None
+    window: ProcessWindow | None = None
     schema: int = PROGRAM_SCHEMA

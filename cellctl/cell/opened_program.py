@@ -20,7 +20,7 @@ from cellctl.cell.program_text import mounted_tools
 from cellctl.domain.timeline import MotionLimits, Timeline
 from config.cell import Cell
 from planner.errors import FileFormatError
-from planner.program import Continues, Program
+from planner.program import Continues, ProcessWindow, Program
 
 
 class MappedLines(Sequence[str]):
@@ -119,6 +119,8 @@ def _opened(body: Path, document: dict[str, Any]) -> OpenedProgram:
         values[name] = tuple(values[name])
     if values.get("continues"):
         values["continues"] = Continues(**values["continues"])
+    if values.get("window"):
+        values["window"] = ProcessWindow.from_document(values["window"])
     columns: dict[str, Any] = {
         field.name: mapped.array(places[written.TIMELINE + field.name])
         for field in dataclasses.fields(Timeline)

@@ -13,8 +13,8 @@ from cellctl.domain.overrides import AS_PROGRAMMED, SETTLED, Overrides, Span
 from cellctl.domain.snapshot import OverridesView
 from cellctl.domain.states import State
 from config.base import ConfigError
-from config.material import Material, load_material
-from planner.program import Channel, Program
+from config.material import load_material
+from planner.program import Channel, ProcessWindow, Program
 
 if TYPE_CHECKING:
     from cellctl.cell.controller import Controller
@@ -27,16 +27,22 @@ _material = cache(load_material)
 
 
 async def overrides_of(program: Program, cell: Cell, drivers: CellDrivers) -> Overrides:
-    """The overrides of a Program that is about to run, by its material's window; none of laser and powder without a known material."""
+    """The overrides of a Program that is about to run, by the window that it was posted with; none of laser and powder without one.
+
+    A Program that does not say its window has that of the shipped material of its name.
+    """
+    if program.window is not None:
+        return _within(program, cell, drivers, program.window)
     try:
         material = await asyncio.to_thread(_material, program.material)
     except ConfigError:
         return Overrides()
-    return _within(program, cell, drivers, material)
+    laser, powder = material.deposition.laser_w, material.deposition.powder_g_min
+    return _within(program, cell, drivers, ProcessWindow(material.sha256, (laser.min, laser.max), (powder.min, powder.max)))
 
 
-def _within(program: Program, cell: Cell, drivers: CellDrivers, material: Material) -> Overrides:
-    schedule, window = program.schedule, material.deposition
+def _within(program: Program, cell: Cell, drivers: CellDrivers, window: ProcessWindow) -> Overrides:
+    schedule = program.schedule
     response, laser, feeder = cell.response, drivers.laser.client.device, drivers.feeder.client.device
     watts = schedule["value"][schedule["channel"] == Channel.LASER_W]
     grams = schedule["value"][schedule["channel"] == Channel.POWDER_G_MIN]

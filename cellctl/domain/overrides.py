@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from config.material import Window
-
 LEAST_PERCENT, MOST_PERCENT = 10, 200  # what the feed override of firmware has too
 AS_PROGRAMMED = 100
 SETTLED = 4.0  # time constants of the powder flow until a new rate is there
@@ -31,13 +29,13 @@ class Span:
     limit: float = math.inf
 
     @classmethod
-    def from_values(cls, what: str, unit: str, window: Window, values: NDArray[np.float64], limit: float | None) -> Span | None:
-        """The span of a channel whose set-points are `values` (n,); None where the Program never uses it."""
+    def from_values(cls, what: str, unit: str, window: tuple[float, float], values: NDArray[np.float64], limit: float | None) -> Span | None:
+        """The span of a channel whose set-points are `values` (n,), in a window (least, greatest); None where the Program never uses it."""
         used = values[values > 0.0]
         if not len(used):
             return None
         programmed = (float(used.min()), float(np.median(used)), float(used.max()))
-        return cls(what, unit, window.min, window.max, programmed, math.inf if limit is None else limit)
+        return cls(what, unit, *window, programmed, math.inf if limit is None else limit)
 
     @property
     def least(self) -> int:

@@ -56,7 +56,8 @@ def plan_key(part_sha256: str, units: str, part_name: str, recipe_toml: str, sto
 
 def program_key(plan_sha256: str, cell: Cell, material_sha256: str = "") -> str:
     """Key of a program."""
-    return _key("program", plan_sha256, cell.sha256, *_own(material_sha256))
+    own = [*_own(material_sha256), "with its window"] if material_sha256 else []  # one without would run within that of the shipped material
+    return _key("program", plan_sha256, cell.sha256, *own)
 
 
 def resumption_key(program_sha256: str, plan_sha256: str, cell: Cell, point: Mapping[str, Any], material_sha256: str = "") -> str:

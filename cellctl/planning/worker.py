@@ -8,6 +8,7 @@ import resource
 import signal
 import sys
 import time
+import tomllib
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -64,13 +65,17 @@ class Line:
 
 
 def use_material(task: Task) -> None:
-    """The task's own version of its material, written beside its results, is what the material's name stands for in this process."""
+    """The task's own version of its material, written beside its results, is what the material's name stands for in this process.
+
+    So is the name that the facts have themselves, which a plan goes on with: a copy of a shipped material may have kept that one's.
+    """
     from config.base import prefer
 
     if task.material_toml:
         path = Path(task.folder) / "material.toml"
         path.write_text(task.material_toml, encoding="utf-8")
-        prefer("materials", task.material, path)
+        for name in {task.material, str(tomllib.loads(task.material_toml).get("name", task.material))}:
+            prefer("materials", name, path)
 
 
 def stage_of(kind: str) -> Callable[[Task, Callable[[str, float], None]], dict[str, Any]]:

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from planner.errors import FileFormatError
-from planner.program import LINE_DTYPE, PROGRAM_SCHEMA, SCHEDULE_DTYPE, Continues, Program
+from planner.program import LINE_DTYPE, PROGRAM_SCHEMA, SCHEDULE_DTYPE, Continues, ProcessWindow, Program
 
 INDEX = "program.json"
 TABLES = "lines.h5"
@@ -22,6 +22,7 @@ _DATASETS = {"table": LINE_DTYPE, "schedule": SCHEDULE_DTYPE, "layer_starts": np
 _UNITS = "mm, s, deg; W, g/min, L/min in the schedule"
 _MATRICES = {"machine_from_build": (4, 4), "build_from_part": (4, 4), "work_offset": (-1,)}
 _TUPLES = ("axis_letters", "tools")
+_OPTIONAL = ("continues", "window")
 _APART = {"lines", *_DATASETS}
 _HINT = "post the plan again"
 _WHOLE = {"siemens": "program.mpf", "fanuc": "program.nc", "heidenhain": "program.h", "apt": "program.apt"}
@@ -34,8 +35,9 @@ def program_files(program: Program) -> dict[str, bytes]:
     files = {name: _text(lines) for name, lines in _layers(program)}
     files[TABLES] = _tables(program)
     index = {field.name: _plain(getattr(program, field.name)) for field in fields(program) if field.name not in _APART}
-    if program.continues is None:
-        del index["continues"]
+    for name in _OPTIONAL:
+        if index[name] is None:
+            del index[name]
     index["sha256"] = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     index["sha256"][INDEX] = _own_sum(index)
     files[INDEX] = _json(index)
@@ -91,6 +93,8 @@ def read_program(directory: str | Path) -> Program:
             values[name] = tuple(index[name])
         if "continues" in index:
             values["continues"] = Continues(**index["continues"])
+        if "window" in index:
+            values["window"] = ProcessWindow.from_document(index["window"])
         program = Program(lines=tuple(lines), **_read_tables(contents[TABLES]), **values)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, OSError, RuntimeError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -138,7 +142,7 @@ def _read_tables(content: bytes) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
-    if isinstance(value, Continues):
+    if isinstance(value, Continues | ProcessWindow):
         return asdict(value)
     return list(value) if isinstance(value, tuple) else value
 

@@ -25,7 +25,7 @@ from planner.post.slowing import SpeedReport, speed_report
 from planner.post.tcp import read_back, write_tcp
 from planner.post.tools import tool_for
 from planner.process import block_allowance_mm
-from planner.program import Program
+from planner.program import ProcessWindow, Program
 from planner.recipe import parse_recipe
 
 
@@ -131,7 +131,20 @@ def _program(made: Assembly, about: About, placed: Floats) -> Program:
         tools=tuple(tool.number for tool in about.tools),
         duration_s=made.duration_s,
         stock_allowance_mm=block_allowance_mm(parse_recipe(plan.recipe_toml)) if plan.process == "mill" else None,
+        window=_window(plan),
     )
+
+
+def _window(plan: Plan) -> ProcessWindow | None:
+    """What the plan's material allows, as it is posted with; None where nothing is deposited. Raises PostError."""
+    if not any(operation.process.is_deposit for operation in plan.operations):
+        return None
+    try:
+        material = load_material(plan.material)
+    except ConfigError as error:
+        raise PostError(f"window of {plan.material}: {error.message}", error.hint) from None
+    laser, powder = material.deposition.laser_w, material.deposition.powder_g_min
+    return ProcessWindow(material.sha256, (laser.min, laser.max), (powder.min, powder.max))
 
 
 def _carrier_gas_l_min(plan: Plan) -> float:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from cellctl.domain.states import State
+from planner.program import ProcessWindow
 from tests.cell.harness import CellUnderTest
 from tests.cell.jobs import FEED_MM_S, POWDER_G_MIN, POWER_W, one_wall
 
@@ -109,3 +112,17 @@ async def test_outside_of_the_materials_window_is_refused_with_bound_and_unit(ce
 async def test_without_a_job_laser_and_powder_have_no_window(cell: CellUnderTest) -> None:
     reply = await cell.command("override", laser_percent=90)
     assert not reply.ok and "no job" in reply.error
+
+
+async def test_a_job_posted_with_the_shops_own_version_of_a_material_keeps_to_its_window_at_the_plant(cell: CellUnderTest) -> None:
+    own = ProcessWindow("a" * 64, (0.9 * POWER_W, 1.1 * POWER_W), (POWDER_G_MIN, 1.2 * POWDER_G_MIN))
+    program = replace(one_wall(cell.facts, layers=1, mill=False, pieces=20), material="a powder of ours", window=own)
+    assert (await cell.start(program)).ok
+    await cell.hurry(cell.is_depositing)
+    shown = cell.snapshot.overrides
+    assert (shown.laser_min, shown.laser_max, shown.powder_min, shown.powder_max) == (90, 110, 100, 120)
+    beyond = await cell.command("override", laser_percent=111)
+    assert not beyond.ok and f"{1.1 * POWER_W:g} W is the greatest of the material's window" in beyond.error
+    assert (await cell.command("override", laser_percent=110)).ok
+    await cell.forward(seconds=0.4)
+    assert cell.is_depositing() and cell.sim.laser.values["power_readback"] == pytest.approx(1.1 * POWER_W, rel=0.03)

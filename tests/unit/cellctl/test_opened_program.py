@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cellctl.cell.opened_program import open_form, timeline_of, tools_of
-from cellctl.cell.program_form import BODY, write_form
+from cellctl.cell.program_form import BODY, INDEX, write_form
 from config.cell import load_cell
 from planner.errors import FileFormatError
-from planner.program import Program
+from planner.program import ProcessWindow, Program
 from tests.cell.jobs import one_wall
 
 DIGEST = "a" * 64
@@ -20,7 +21,7 @@ DIGEST = "a" * 64
 
 def test_the_form_gives_back_lines_tables_timeline_and_tools(tmp_path: Path) -> None:
     cell = load_cell("trunnion_tcp")
-    program = one_wall(cell)
+    program = dataclasses.replace(one_wall(cell), window=ProcessWindow("c" * 64, (600.0, 900.0), (5.0, 12.5)))
     write_form(program, cell, tmp_path / "form", DIGEST)
     opened = open_form(tmp_path / "form", DIGEST)
     assert opened is not None
@@ -32,6 +33,17 @@ def test_the_form_gives_back_lines_tables_timeline_and_tools(tmp_path: Path) -> 
     assert all(np.array_equal(getattr(there, name), getattr(here, name)) for name in ("arc_mm", "is_emitting", "stops", "bow", "plane"))
     assert tools_of(opened) == tools_of(program)
     assert open_form(tmp_path / "form", "b" * 64) is None and open_form(tmp_path / "none", DIGEST) is None
+
+
+def test_a_form_that_does_not_know_of_windows_still_opens(tmp_path: Path) -> None:
+    cell = load_cell("trunnion_tcp")
+    write_form(one_wall(cell), cell, tmp_path / "form", DIGEST)
+    index = tmp_path / "form" / INDEX
+    document = json.loads(index.read_text())
+    del document["program"]["window"]
+    index.write_text(json.dumps(document))
+    opened = open_form(tmp_path / "form", DIGEST)
+    assert opened is not None and opened.window is None
 
 
 def test_a_damaged_form_is_told_in_one_line(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,19 @@ def test_a_program_read_back_is_the_program_that_was_written(program: Program, t
     assert again.layer_starts.tolist() == program.layer_starts.tolist()
     assert again.duration_s == program.duration_s
     assert program_sha256(again) == program_sha256(program)
+    assert again.window == program.window and program.window is not None and program.window.laser_w == (600.0, 2000.0)
+
+
+def test_a_program_that_does_not_say_its_materials_window_is_read(program: Program, tmp_path: Path) -> None:
+    write_program(replace(program, window=None), tmp_path)
+    assert "window" not in json.loads((tmp_path / "program.json").read_text()) and read_program(tmp_path).window is None
+
+
+def test_a_window_that_is_none_is_refused(program: Program, tmp_path: Path) -> None:
+    assert program.window is not None
+    write_program(replace(program, window=replace(program.window, laser_w=(900.0, 600.0))), tmp_path)
+    with pytest.raises(FileFormatError, match="laser_w is from 900"):
+        read_program(tmp_path)
 
 
 def test_the_same_program_gives_the_same_bytes(program: Program) -> None:
