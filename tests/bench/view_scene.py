@@ -176,7 +176,7 @@ def add_job(store_folder: Path) -> int:
 def costs(page: Page) -> dict[str, float]:
     """What the view says that its drawing costs."""
     told: dict[str, str] = page.evaluate("({...document.querySelector('.stage').dataset})")
-    return {name: float(value) for name, value in told.items() if name != "ready"}
+    return {name: float(value) for name, value in told.items() if name not in ("ready", "tool", "tip")}
 
 
 def scrub_to(page: Page, time_s: float) -> None:

@@ -59,6 +59,15 @@ def barriers(page: Page, *rules: str) -> list[str]:
     return found
 
 
+def barriers_in_both_lights(page: Page) -> list[str]:
+    """What axe finds in the dark, and against the contrast in the light; the page is dark again afterwards."""
+    found: list[str] = []
+    for theme, rules in (("light", ("color-contrast",)), ("dark", ())):  # only the contrast is a matter of light
+        page.evaluate("(theme) => { document.documentElement.dataset.theme = theme }", theme)
+        found += [f"{theme}: {one}" for one in barriers(page, *rules)]
+    return found
+
+
 def faults_of_form(page: Page) -> list[str]:
     """Everything that is too small, cut off, sideways, or over STOP."""
     asked: tuple[tuple[str, str, Any], ...] = (

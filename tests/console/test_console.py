@@ -13,7 +13,7 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from tests.console.conftest import Heard
-from tests.console.page_checks import STATE_CAPS_MM, caps_mm, faults_of_form
+from tests.console.page_checks import STATE_CAPS_MM, barriers_in_both_lights, caps_mm, faults_of_form
 from tests.console.running_cell import RunningCell
 
 pytestmark = pytest.mark.timeout(1200)
@@ -24,6 +24,7 @@ PICTURE_COLOURS = 256
 PLANNED_MS = 600_000  # an upload's check; plan, post and proof: by workers that give way to whatever else the machine does
 MM_PX = 96 / 25.4
 NAME = "Bearing block"
+DRAWN_WHERE_IT_IS = """(tip) => document.querySelector('.stage').dataset.tip.split(' ').every((value, d) => Math.abs(value - tip[d]) < 0.1)"""
 MARKUP = '<img src="x" onerror="document.title=1">'
 
 
@@ -76,6 +77,7 @@ def block(tmp_path: Path) -> Path:
 def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_door_was_opened(
     page: Page, cell: RunningCell, heard: Heard, block: Path
 ) -> None:
+    assert not barriers_in_both_lights(page)  # of the page that asks who it is
     sign_in(page, cell)
     state_is(page, "IDLE")
     submit(page, block, NAME)
@@ -90,12 +92,18 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     expect(page.locator(".executed").first).not_to_have_attribute("width", "0")
     assert caps_mm(page, ".remaining b") >= STATE_CAPS_MM
     assert not faults_of_form(page)
+    assert not barriers_in_both_lights(page)
+    assert page.locator(".stage").get_attribute("data-tool") == "coaxial head, 2 mm spot"
+    metal = float(page.locator(".stage").get_attribute("data-triangles") or 0)
+    page.wait_for_function("(least) => Number(document.querySelector('.stage').dataset.triangles) > least", arg=metal)  # it grows
     picture(page, "running")
 
     page.get_by_role("button", name="HOLD").click()
     state_is(page, "HELD")
     assert cell.sim("state")["laser"]["emission_w"] == 0.0
     expect(page.locator(".cause")).to_have_text("held at the console")
+    page.wait_for_function(DRAWN_WHERE_IT_IS, arg=cell.get("/cell")["tip"])
+    assert not barriers_in_both_lights(page)
     page.get_by_role("button", name="RESUME").click()
     expect(page.locator(".laser-on")).to_be_visible()
 
@@ -106,6 +114,7 @@ def test_operator_submits_approves_watches_holds_resumes_and_resets_after_the_do
     expect(page.locator(".conditions").get_by_text("Door open")).to_be_visible()
     assert cell.sim("state")["laser"]["emission_w"] == 0.0
     assert not faults_of_form(page)
+    assert not barriers_in_both_lights(page)
     picture(page, "alarm")
 
     page.get_by_role("button", name="RESET").click()
@@ -199,6 +208,7 @@ def test_page_that_hears_nothing_shows_the_age_of_its_data_and_takes_only_stop(p
             expect(page.get_by_role("button", name=name)).to_be_disabled()
         expect(page.locator("#stop-button")).to_be_enabled()
         assert not faults_of_form(page)
+        assert not barriers_in_both_lights(page)
         picture(page, "stale")
     finally:
         cell.thaw("cellctl.cell")
@@ -242,6 +252,7 @@ def test_of_two_consoles_one_has_control_the_other_watches_stops_and_takes_it_ov
     expect(other.get_by_role("button", name="RESET")).to_be_disabled()
     other.get_by_role("button", name="Take control over").click()
     other.locator(".dialog input").fill("the other console is not manned")
+    assert not barriers_in_both_lights(other)
     picture(other, "take_over")
     other.locator(".dialog .sure").click()
     expect(other.locator(".control-bar")).to_contain_text("This console has control")

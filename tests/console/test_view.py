@@ -20,9 +20,19 @@ from tests.bench.view_scene import (
     scrub_to,
 )
 from tests.console.conftest import PATIENCE_MS, VIEW
+from tests.console.page_checks import barriers_in_both_lights
 from tests.console.running_cell import RunningCell
 from tests.console.test_console import picture, sign_in
 
+NO_WEBGL = """const own = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, ...more) { return kind.startsWith('webgl') ? null : own.call(this, kind, ...more) }"""
+FLAT_COLOURS = """() => {
+  const canvas = document.querySelector('.stage canvas');
+  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  const found = new Set();
+  for (let k = 0; k < data.length; k += 4) if (data[k + 3] === 255) found.add(data.slice(k, k + 3).join());
+  return found.size >= 2; // contours and filling
+}"""
 pytestmark = pytest.mark.timeout(900)
 SEGMENTS_LEAST = 4_900_000
 CALLS_MAX = 30
@@ -102,6 +112,20 @@ def test_a_line_is_found_by_its_number_and_keys_and_buttons_step_by_line_pass_an
     number.press("Enter")
     shows(LAYERS * LINES - 1)
     picture(viewed, "view_line")
+
+
+def test_without_webgl_the_layer_is_drawn_flat_and_says_so(shared_cell: RunningCell, browser: Browser, viewed: Page) -> None:
+    page = browser.new_context(viewport={"width": VIEW["width"], "height": VIEW["height"]}, base_url=shared_cell.url).new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script(NO_WEBGL)
+    page.goto("/")
+    sign_in(page, shared_cell)
+    expect(page.locator(".view-flat")).to_contain_text("shown flat")
+    page.wait_for_function(FLAT_COLOURS)
+    faults = barriers_in_both_lights(page)
+    picture(page, "view_flat")
+    page.context.close()
+    assert not faults
 
 
 def test_view_at_rest_draws_no_frames(viewed: Page) -> None:

@@ -2,7 +2,7 @@
 import { words } from "../words";
 import { decimal, duration } from "../words/format";
 import { DEVIATION, gradient, VIRIDIS } from "./colours";
-import { drawing, loaded } from "./drawing";
+import { drawing, flat, loaded } from "./drawing";
 import type { Quantity } from "./path_material";
 import { quantity, shownMode, withMetal } from "./state";
 
@@ -57,7 +57,7 @@ function Processes() {
           {label}
         </li>
       ))}
-      <li class="muted">{withMetal.value ? (shownMode.value === "layer" ? say.metalPlanned : say.metalExecuted) : say.done}</li>
+      {!flat.value && <li class="muted">{withMetal.value ? (shownMode.value === "layer" ? say.metalPlanned : say.metalExecuted) : say.done}</li>}
     </ul>
   );
 }

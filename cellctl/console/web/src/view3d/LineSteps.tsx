@@ -7,6 +7,7 @@ import { STEPS, type Step } from "./track";
 
 const say = words.view;
 const step = signal<Step>("line");
+const typed = signal<string | null>(null); // a number that is being written: what runs meanwhile does not write over it
 
 /** One step on (1) or back (-1) from where the program is shown; from its first line where it is not. */
 export function go(by: Step, way: 1 | -1): void {
@@ -39,11 +40,13 @@ export function LineSteps() {
         min={1}
         max={index.lines}
         step={1}
-        value={line}
+        value={typed.value ?? line}
+        onInput={(event) => (typed.value = event.currentTarget.value)}
+        onBlur={() => (typed.value = null)}
         onChange={(event) => {
           const wanted = event.currentTarget.valueAsNumber;
+          typed.value = null;
           if (Number.isFinite(wanted)) scrubToLine(Math.round(wanted) - 1);
-          event.currentTarget.value = String(moment.peek() ? moment.peek()!.line + 1 : "");
         }}
       />
       <button type="button" class="view-button" aria-label={say.back(say.steps[step.value])} onClick={() => go(step.value, -1)}>

@@ -151,6 +151,8 @@ function told(host: HTMLElement, view: PlanView): void {
   Object.assign(host.dataset, { calls, triangles, lines, bytes, frames, layers });
   host.dataset.frameMs = frameMs.toFixed(2);
   host.dataset.longestMs = longestMs.toFixed(2);
+  host.dataset.tool = view.toolName;
+  host.dataset.tip = view.tip;
   host.dataset.ready = String(isReady);
   placePins(view);
   drawn.value++;

@@ -39,9 +39,11 @@ export function ViewHead() {
               {say[name]}
             </button>
           ))}
-        <button type="button" class="view-button" aria-expanded={isOpen.value} aria-controls="view-show" onClick={() => (isOpen.value = !isOpen.value)}>
-          {say.show}
-        </button>
+        {drawing.value && (
+          <button type="button" class="view-button" aria-expanded={isOpen.value} aria-controls="view-show" onClick={() => (isOpen.value = !isOpen.value)}>
+            {say.show}
+          </button>
+        )}
         {findings.value.length > 0 && (
           <button type="button" class="view-button" aria-pressed={withFindings.value} onClick={() => (withFindings.value = !withFindings.value)}>
             {say.findings(findings.value.length)}

@@ -258,6 +258,11 @@ export class PlanView {
     return this.head.toolName;
   }
 
+  /** Where the drawn tool stands, mm, build frame; "" where none is drawn. */
+  get tip(): string {
+    return this.wanted?.stand ? this.wanted.stand.tip.map((value) => value.toFixed(3)).join(" ") : "";
+  }
+
   get costs(): Costs {
     const bytes = this.layers.bytes + (this.whole?.bytes ?? 0) + this.surface.bytes;
     return { ...this.stage.figures, bytes, layers: this.layers.resident, isReady: this.whole !== null };
