@@ -59,7 +59,7 @@ export const view: typeof en = {
   back: (what) => `Zurück um eine ${what}`,
   on: (what) => `Weiter um eine ${what}`,
   live: "Live",
-  liveAria: "Zeigen, was die Maschine jetzt tut",
+  liveAria: "Live: was die Maschine jetzt tut",
   notLive: "Durchlauf, nicht live",
   scrubbing: "Durchlauf des Programms",
   atLine: (line, layer, layers) => `Zeile N${line}, Schicht ${layer} von ${layers}`,

@@ -58,7 +58,7 @@ export const view = {
   back: (what: string) => `Back by one ${what}`,
   on: (what: string) => `On by one ${what}`,
   live: "Live",
-  liveAria: "Show what the machine does now",
+  liveAria: "Live: what the machine does now",
   notLive: "Scrubbing, not live",
   scrubbing: "Scrubbing the program",
   atLine: (line: number, layer: number, layers: number) => `Line N${line}, layer ${layer} of ${layers}`,
