@@ -112,6 +112,17 @@ def send_to(cell: RunningCell, client: Client, goal: dict[str, float]) -> None:
             is_there(cell, letter, at)
 
 
+def assert_points_stay_when_the_page_is_loaded_again(page: Page) -> None:
+    rows = page.locator(".points tbody tr")
+    before = rows.all_inner_texts()
+    page.reload()
+    page.get_by_role("tab", name="By hand").click()
+    page.get_by_role("button", name="Touch-off").click()
+    expect(page.locator(".kept")).to_contain_text("before the page was loaded again")
+    assert rows.all_inner_texts() == before
+    state_is(page, "IDLE")
+
+
 def test_a_centre_that_is_wrong_is_found_by_the_wizard_and_adopted(page: Page, cell: RunningCell, heard: Heard) -> None:
     facts = load_cell(str(cell.run / "cell.toml"))
     before = cell.get("/cell/measured")
@@ -125,6 +136,8 @@ def test_a_centre_that_is_wrong_is_found_by_the_wizard_and_adopted(page: Page, c
             client.release_control()
             page.get_by_role("button", name="Here").click()
             expect(page.locator(".points tbody tr")).to_have_count(count)
+            if count == 2:
+                assert_points_stay_when_the_page_is_loaded_again(page)
     expect(page.locator(".shift")).to_contain_text("0.310")
     page.get_by_label("Because (kept in the record)").fill("C bearing renewed")
     picture(page, "touch_off")

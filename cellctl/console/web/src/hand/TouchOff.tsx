@@ -6,17 +6,13 @@ import { mayCommand, whyNot } from "../state/control";
 import { told } from "../state/notices";
 import { facts } from "../state/plan";
 import { words } from "../words";
-import { fixed } from "../words/format";
+import { clock, fixed } from "../words/format";
 import { Picture, type Kind } from "./Pictures";
+import { keep, kept, type Point } from "./touched";
 
 const say = words.hand;
 const LEAST: Record<Kind, number> = { pivot: 3, plane: 3, origin: 1, tool: 1 }; // points without which nothing is to be fitted
 const KINDS: readonly Kind[] = ["pivot", "plane", "origin", "tool"];
-
-interface Point {
-  joints: Record<string, number>;
-  tool: number;
-}
 
 interface Result {
   name: string;
@@ -31,11 +27,27 @@ interface Result {
 }
 
 export function TouchOff() {
-  const [kind, setKind] = useState<Kind>("pivot");
-  const [axis, setAxis] = useState("C");
-  const [tool, setTool] = useState(snapshot.peek()?.cnc.tool || 1);
-  const [block, setBlock] = useState(0);
-  const [points, setPoints] = useState<Point[]>([]);
+  const cell = snapshot.value?.cell;
+  return cell ? <Wizard key={cell} cell={cell} /> : <p class="muted">{words.noData}</p>; // the points belong to its axes
+}
+
+function Wizard({ cell }: { cell: string }) {
+  const [before] = useState(() => kept(cell, Date.now() / 1000));
+  const [isOld, setOld] = useState(before !== null);
+  const [kind, setKind] = useState<Kind>(before?.kind ?? "pivot");
+  const [axis, setAxis] = useState(before?.axis ?? "C");
+  const [tool, setTool] = useState(before?.tool ?? (snapshot.peek()?.cnc.tool || 1));
+  const [block, setBlock] = useState(before?.block ?? 0);
+  const [points, show] = useState<Point[]>(before?.points ?? []);
+  const isUnhomed = snapshot.value?.state === "UNHOMED";
+  const setPoints = (next: Point[]) => {
+    show(next);
+    if (next.length === 0) setOld(false);
+    keep({ cell, at: Date.now() / 1000, kind, axis, tool, block, points: next });
+  };
+  useEffect(() => {
+    if (isUnhomed) setPoints([]); // where the axes' zero is is not known any more
+  }, [isUnhomed]);
   const [result, setResult] = useState<Result | null>(null);
   const [problem, setProblem] = useState("");
   const rotary = facts.value?.axes.filter((one) => one.kind === "rotary") ?? [];
@@ -44,13 +56,13 @@ export function TouchOff() {
     setResult(null);
     setProblem("");
     if (points.length < LEAST[kind]) return;
-    let isOld = false;
+    let isPast = false;
     post<Result>("/cell/touch_off/fit", asked).then(
-      (found) => !isOld && setResult(found),
-      (error: Error) => !isOld && setProblem(error.message),
+      (found) => !isPast && setResult(found),
+      (error: Error) => !isPast && setProblem(error.message),
     );
     return () => {
-      isOld = true;
+      isPast = true;
     };
   }, [points, kind, axis, tool, block]);
   const begin = (next: Kind) => {
@@ -89,6 +101,14 @@ export function TouchOff() {
           {say.here}
         </button>
       </div>
+      {isOld && before && (
+        <p class="row kept" role="status">
+          <span class="grow">{say.kept(clock(before.at))}</span>
+          <button type="button" class="control" onClick={() => setPoints([])}>
+            {say.beginAgain}
+          </button>
+        </p>
+      )}
       <Points points={points} result={result} remove={(at) => setPoints(points.filter((_, other) => other !== at))} />
       {points.length > 0 && points.length < LEAST[kind] && <p class="muted">{say.more(LEAST[kind] - points.length)}</p>}
       {problem && points.length > 0 && <p class="muted">{problem}</p>}

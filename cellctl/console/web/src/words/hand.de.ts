@@ -69,6 +69,8 @@ export const hand: typeof english = {
   touches: "Was berührt",
   block: "Endmaß, mm",
   here: "Hier",
+  kept: (at) => `Punkte von ${at}, bevor die Seite neu geladen wurde.`,
+  beginAgain: "Neu beginnen",
   noPoints: "Noch keine Punkte.",
   more: (n: number) => `Noch ${n} ${n > 1 ? "Punkte" : "Punkt"} nötig.`,
   point: "Punkt",

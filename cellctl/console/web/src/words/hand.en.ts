@@ -68,6 +68,8 @@ export const hand = {
   touches: "What touches",
   block: "Gauge block, mm",
   here: "Here",
+  kept: (at: string) => `Points touched at ${at}, before the page was loaded again.`,
+  beginAgain: "Begin again",
   noPoints: "No points yet.",
   more: (n: number) => `${n} more point${n > 1 ? "s" : ""} needed.`,
   point: "Point",
