@@ -16,36 +16,45 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import httpx
+import msgspec
 import tomli_w
 import uvicorn
+from sqlalchemy import URL
 
 from cellctl.api.app import build_service, make_app
 from cellctl.api.context import Service, Settings
 from cellctl.api.wire import PatientProtocol
 from cellctl.cell.stop_listener import StopListener
 from cellctl.domain.messages import Command, Reply
-from cellctl.store import tokens
+from cellctl.domain.snapshot import Snapshot
+from cellctl.store import tokens, upgrade
 from cellctl.store.fleet import Told
 from cellctl.store.owner import owner_of
 from cellctl.store.schema import fleet
+from cellctl.store.shared import share
 from cellctl.store.tokens import Role
 from config import find_facts
 from tests.unit.cellctl.far_cell import FarCell
 
 START_S = 60.0
 POLL_S = 0.02
+SHOWN_S = 0.2
 PERSON = "127.0.0.2"  # where people are, beside the hosts' own 127.0.0.1
 Result = TypeVar("Result")
 
 
 @dataclass
 class Heard(FarCell):
-    """A far end that keeps the commands that it was given."""
+    """A far end that keeps the commands that it was given, and tells its listener of pages. shown : what it tells of itself, None: nothing"""
 
     commands: list[Command] = field(default_factory=list)
+    shown: Snapshot | None = None
+    listener: StopListener | None = None
 
     async def answer(self, command: Command) -> Reply:
         self.commands.append(command)
+        if command.verb == "pages" and self.listener is not None:
+            self.listener.allow_pages(frozenset(command.args["hosts"]))
         return await super().answer(command)
 
 
@@ -126,16 +135,10 @@ def _cell_file(folder: Path, name: str) -> Path:
     return path
 
 
-async def _host(folder: Path, name: str, ending: asyncio.Event) -> OneHost:
+async def _host(folder: Path, name: str, store: Path, beats: bool, ending: asyncio.Event) -> OneHost:
     """Start one host; it ends with the event."""
     run = folder / f"run-{name}"
     run.mkdir()
-    settings = Settings(folder / "store", run, _cell_file(folder, name), upload_limit_bytes=2_000_000)
-    service = build_service(settings)
-    service.queue._slots = 0
-    service.fleet.run = asyncio.Event().wait  # type: ignore[method-assign, assignment]  # rows are written by the tests alone
-    far = Heard(folder / "store", service.store.clock)
-    await far.open(run / "cell.sock")
     stops: list[tuple[str, str]] = []
 
     async def stop(_ident: str, who: str, because: str) -> str:
@@ -143,9 +146,18 @@ async def _host(folder: Path, name: str, ending: asyncio.Event) -> OneHost:
         return "STOPPED"
 
     listener = StopListener(stop, lambda: "IDLE", "127.0.0.1")
+    stop_url = f"http://127.0.0.1:{await listener.start(0)}/stop"
     listening = socket.create_server(("127.0.0.1", 0))
-    host = OneHost(name, f"http://127.0.0.1:{listening.getsockname()[1]}", service, far, listener, stops)
-    host.stop_url = f"http://127.0.0.1:{await listener.start(0)}/stop"
+    url = f"http://127.0.0.1:{listening.getsockname()[1]}"
+    told = {"host_url": url, "stop_url": stop_url} if beats else {}
+    service = build_service(Settings(store, run, _cell_file(folder, name), upload_limit_bytes=2_000_000, **told))  # type: ignore[arg-type]
+    service.queue._slots = 0
+    if not beats:
+        service.fleet.run = asyncio.Event().wait  # type: ignore[method-assign, assignment]
+    far = Heard(store, service.store.clock)
+    far.listener = listener
+    await far.open(run / "cell.sock")
+    host = OneHost(name, url, service, far, listener, stops, stop_url)
     config = uvicorn.Config(
         make_app(service, "127.0.0.1"), log_config=None, timeout_graceful_shutdown=1, http=PatientProtocol, ws="websockets-sansio",
         server_header=False,
@@ -153,12 +165,14 @@ async def _host(folder: Path, name: str, ending: asyncio.Event) -> OneHost:
     host.server = uvicorn.Server(config)
     host.server.install_signal_handlers = lambda: None  # type: ignore[attr-defined]
     serving = asyncio.create_task(host.server.serve([listening]))
+    showing = asyncio.create_task(_shown(host))
 
     async def end() -> None:
         await ending.wait()
         assert host.server is not None
         host.server.should_exit = True
         await serving
+        showing.cancel()
         await listener.close()
         await far.close()
 
@@ -168,16 +182,42 @@ async def _host(folder: Path, name: str, ending: asyncio.Event) -> OneHost:
     return host
 
 
-@contextmanager
-def house_of_two(folder: Path, empty_store: Path) -> Iterator[House]:
-    """Both hosts until left. No planner works: what is submitted stays so."""
+def stores_in_one_file(folder: Path, empty_store: Path) -> dict[str, Path]:
+    """The stores of two hosts that are one folder."""
     shutil.copytree(empty_store, folder / "store")
+    return dict.fromkeys(("near", "far"), folder / "store")
+
+
+def stores_on(database: URL, folder: Path) -> dict[str, Path]:
+    """The stores of two hosts that share a database and a folder of files."""
+    stores = {name: folder / f"store-{name}" for name in ("near", "far")}
+    for store in stores.values():
+        share(store, database, folder / "files")
+        upgrade(store)
+    return stores
+
+
+async def _shown(host: OneHost) -> None:
+    """The cell tells of itself all the time, if it does."""
+    while True:
+        if host.far.shown is not None:
+            host.far.seq += 1
+            host.far.server.publish(msgspec.structs.replace(host.far.shown, seq=host.far.seq, at=host.service.store.clock()))
+        await asyncio.sleep(SHOWN_S)
+
+
+@contextmanager
+def house_of_two(folder: Path, stores: dict[str, Path], beats: bool = False) -> Iterator[House]:
+    """Both hosts until left. stores : folder of each host's store   beats : hosts tell the fleet of themselves, else tests do
+
+    No planner works: what is submitted stays so.
+    """
     loop, ending, ready = asyncio.new_event_loop(), asyncio.Event(), threading.Event()
     hosts: dict[str, OneHost] = {}
 
     async def serve() -> None:
         for name in ("near", "far"):
-            hosts[name] = await _host(folder, name, ending)
+            hosts[name] = await _host(folder, name, stores[name], beats, ending)
         ready.set()
         await asyncio.gather(*(host.ended for host in hosts.values()))  # type: ignore[attr-defined]
 
@@ -192,7 +232,7 @@ def house_of_two(folder: Path, empty_store: Path) -> Iterator[House]:
     with store.write() as rows:
         found = {role: tokens.create(rows, f"the {role.value}", role, store.clock())[1] for role in Role}
     house = House(hosts, loop, found)
-    for name in hosts:
+    for name in hosts if not beats else ():
         house.tell(name)
     try:
         yield house

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from sqlalchemy import insert
@@ -16,16 +15,18 @@ from cellctl.cli.app import app
 from cellctl.domain.messages import Event
 from cellctl.store.schema import events
 from cellctl.store.tokens import Role
-from tests.unit.cellctl.house_of_two import PERSON, House, house_of_two, once
+from tests.postgres import Cluster
+from tests.unit.cellctl.house_of_two import PERSON, House, house_of_two, once, stores_on
 
 EVENTS = 5
 PIECES, PIECE = 24, 1 << 20
 
 
 @pytest.fixture(scope="module")
-def shared_house(tmp_path_factory: pytest.TempPathFactory, empty_store: Path) -> Iterator[House]:
-    with house_of_two(tmp_path_factory.mktemp("house"), empty_store) as house:
-        with house.near.service.store.write_cell() as rows:
+def shared_house(tmp_path_factory: pytest.TempPathFactory, postgres: Cluster) -> Iterator[House]:
+    folder = tmp_path_factory.mktemp("house")
+    with house_of_two(folder, stores_on(postgres.url(postgres.fresh()), folder)) as house:
+        with house.far.service.store.write_cell() as rows:
             for number in range(1, EVENTS + 1):
                 rows.execute(insert(events).values(at=float(number), kind="state", text=f"event {number}"))
         yield house

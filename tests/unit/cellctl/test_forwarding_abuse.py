@@ -20,7 +20,7 @@ from cellctl.api.forwarding import PER_ADDRESS
 from cellctl.domain import forwarded
 from cellctl.domain.forwarded import HEADER, MAX_AGE_S, Word
 from cellctl.store.tokens import Role
-from tests.unit.cellctl.house_of_two import PERSON, House, house_of_two, once
+from tests.unit.cellctl.house_of_two import PERSON, House, house_of_two, once, stores_in_one_file
 
 STRANGER = "127.0.0.9"
 QUICK = {"connect": 1.0, "read": 0.3, "write": 1.0, "pool": 0.3}
@@ -30,7 +30,7 @@ OK_HEAD = f"HTTP/1.1 200 OK\r\n{HEADER}: taken\r\n".encode()
 
 @pytest.fixture(scope="module")
 def shared_house(tmp_path_factory: pytest.TempPathFactory, empty_store: Path) -> Iterator[House]:
-    with house_of_two(tmp_path_factory.mktemp("house"), empty_store) as house:
+    with house_of_two(folder := tmp_path_factory.mktemp("house"), stores_in_one_file(folder, empty_store)) as house:
         yield house
 
 
