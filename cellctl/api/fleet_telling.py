@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import secrets
 import socket
+from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import msgspec
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from cellctl.api.cell_link import CellLink
 from cellctl.domain.snapshot import Snapshot
 from cellctl.planning.needs import facts_of
 from cellctl.planning.standing_cell import StandingCell
 from cellctl.store.fleet import Seat, Told
+from cellctl.tls import certificate
 from config import Cell
 
 if TYPE_CHECKING:
@@ -44,12 +48,19 @@ def told_of(settings: Settings, standing: StandingCell, link: CellLink, seat: Se
         secret=SECRET,
         host_url=settings.host_url,
         stop_url=settings.stop_url or _stop_url(settings, cell),
+        certificate=_certificate(settings.tls_cert),
         software=software_version()[:40],
         cell_sha256=cell.sha256,
         facts=_facts[seat.cell][1],
         state=snapshot.state if snapshot is not None else "",
         doing=doing_of(snapshot) if snapshot is not None else {},
     )
+
+
+@lru_cache(maxsize=4)
+def _certificate(cert: Path | None) -> str:
+    """The first certificate of a file: the service's own, as it was when the process started to listen with it. Raises TlsError."""
+    return certificate(cert).public_bytes(Encoding.PEM).decode("ascii") if cert is not None else ""
 
 
 def _stop_url(settings: Settings, cell: Cell) -> str:

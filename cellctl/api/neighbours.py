@@ -44,7 +44,7 @@ def host_of(member: Member) -> Host:
     _check(member.cell, member.host_url, ("", "/"))
     if member.stop_url:
         _check(member.cell, member.stop_url, ("/stop",))
-    return Host(member.cell, member.host_url.rstrip("/"), member.stop_url)
+    return Host(member.cell, member.host_url.rstrip("/"), member.stop_url, member.certificate)
 
 
 def _check(cell: str, url: str, paths: tuple[str, ...]) -> None:

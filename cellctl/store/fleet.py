@@ -49,6 +49,7 @@ class Told:
 
     owner : of the service, the same as long as its store folder is    secret : by which other services of the fleet know it
     host_url : of its web process; stop_url : where its cell process listens for STOP, empty: on the page's own host
+    certificate : PEM, by which both are known to the other hosts; empty: the authorities of their systems say
     facts : of `domain.fitting`; state : of the cell, empty while the cell process does not answer
     doing : {job, name, because, remaining_s, alarms}
     """
@@ -58,6 +59,7 @@ class Told:
     secret: str = ""
     host_url: str = ""
     stop_url: str = ""
+    certificate: str = ""
     software: str = ""
     cell_sha256: str = ""
     facts: dict[str, Any] = field(default_factory=dict)

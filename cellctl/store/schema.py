@@ -388,6 +388,7 @@ fleet = Table(
     Column("secret", String(64), nullable=False, server_default=""),
     Column("host_url", Text, nullable=False, server_default=""),
     Column("stop_url", Text, nullable=False, server_default=""),
+    Column("certificate", Text, nullable=False, server_default=""),
     Column("software", String(40), nullable=False, server_default=""),
     Column("cell_sha256", String(64), nullable=False, server_default=""),
     Column("facts", Text, nullable=False, server_default="{}"),

@@ -31,7 +31,7 @@ from cellctl.store import tokens, upgrade
 from cellctl.store.fleet import Told
 from cellctl.store.owner import owner_of
 from cellctl.store.schema import fleet
-from cellctl.store.shared import share
+from cellctl.store.shared import Wanted, share
 from cellctl.store.tokens import Role
 from config import find_facts
 from tests.unit.cellctl.far_cell import FarCell
@@ -92,12 +92,13 @@ class House:
     def run(self, work: Coroutine[Any, Any, Result]) -> Result:
         return asyncio.run_coroutine_threadsafe(work, self.loop).result(START_S)
 
-    def tell(self, cell: str, url: str | None = None, stop_url: str | None = None) -> None:
+    def tell(self, cell: str, url: str | None = None, stop_url: str | None = None, certificate: str = "") -> None:
         """Write the cell's row as its service does, and let both hosts read it."""
         host = self.hosts[cell]
         at = {"host_url": host.url if url is None else url, "stop_url": host.stop_url if stop_url is None else stop_url}
         doing = {"job": "", "because": f"{cell} waits", "alarms": 0}
-        told = Told(cell, owner_of(host.service.settings.store), secret=host.service.neighbours.secret, state="IDLE", doing=doing, **at)
+        owner, secret = owner_of(host.service.settings.store), host.service.neighbours.secret
+        told = Told(cell, owner, secret, state="IDLE", doing=doing, certificate=certificate, **at)
         host.service.fleet._told = lambda: told
         host.service.fleet.take()
         for one in self.hosts.values():
@@ -192,7 +193,7 @@ def stores_on(database: URL, folder: Path) -> dict[str, Path]:
     """The stores of two hosts that share a database and a folder of files."""
     stores = {name: folder / f"store-{name}" for name in ("near", "far")}
     for store in stores.values():
-        share(store, database, folder / "files")
+        share(store, Wanted(database.render_as_string(hide_password=False), folder / "files"))
         upgrade(store)
     return stores
 
@@ -234,6 +235,8 @@ def house_of_two(folder: Path, stores: dict[str, Path], beats: bool = False) -> 
     house = House(hosts, loop, found)
     for name in hosts if not beats else ():
         house.tell(name)
+    for host in hosts.values():  # what each does once, before anything is measured
+        httpx.get(f"{host.url}/openapi.json", timeout=START_S)
     try:
         yield house
     finally:

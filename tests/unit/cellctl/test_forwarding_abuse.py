@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import ssl
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,6 +21,8 @@ from cellctl.api.forwarding import PER_ADDRESS
 from cellctl.domain import forwarded
 from cellctl.domain.forwarded import HEADER, MAX_AGE_S, Word
 from cellctl.store.tokens import Role
+from cellctl.tls import server_context
+from tests.unit.cellctl import certificates
 from tests.unit.cellctl.house_of_two import PERSON, House, house_of_two, once, stores_in_one_file
 
 STRANGER = "127.0.0.9"
@@ -43,7 +46,7 @@ def house(shared_house: House) -> House:
 
 
 @contextmanager
-def odd_host(answer: Callable[[socket.socket], None]) -> Iterator[str]:
+def odd_host(answer: Callable[[socket.socket], None], tls: ssl.SSLContext | None = None) -> Iterator[str]:
     """A host that takes a connection, reads a request's head and then does as it likes."""
     listening = socket.create_server(("127.0.0.1", 0))
     taken: list[socket.socket] = []
@@ -51,6 +54,7 @@ def odd_host(answer: Callable[[socket.socket], None]) -> Iterator[str]:
     def one(wire: socket.socket) -> None:
         try:
             wire.settimeout(20.0)
+            wire = wire if tls is None else tls.wrap_socket(wire, server_side=True)
             head = b""
             while b"\r\n\r\n" not in head:
                 if not (piece := wire.recv(65536)):
@@ -74,7 +78,7 @@ def odd_host(answer: Callable[[socket.socket], None]) -> Iterator[str]:
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     try:
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+        yield f"{'http' if tls is None else 'https'}://127.0.0.1:{listening.getsockname()[1]}"
     finally:
         listening.shutdown(socket.SHUT_RDWR)
         listening.close()
@@ -105,7 +109,7 @@ def test_a_strangers_forwarding_header_is_passed_over_and_the_deed_is_written_do
         answer = failed_sign_in(house, lie)
         assert answer.status_code == 401 and HEADER not in answer.headers
         assert house.audited()[0]["origin"] == STRANGER
-    genuine = failed_sign_in(house, signed(house, said))
+    genuine = failed_sign_in(house, signed(house, word(house, method="POST")))
     assert genuine.status_code == 401 and genuine.headers[HEADER] == "taken"
     assert house.audited()[0]["origin"] == "10.9.9.9", "the same header counts where near's host signed it"
 
@@ -123,7 +127,7 @@ def test_two_forwarding_headers_and_headers_of_proxies_are_believed_by_nobody(ho
     ("other", "status", "says"),
     [
         ({"at": MAX_AGE_S + 2.0}, 403, "old"),
-        ({"at": -MAX_AGE_S - 2.0}, 403, "old"),
+        ({"at": -MAX_AGE_S - 600.0}, 403, "old"),
         ({"method": "POST"}, 403, "another request"),
         ({"target": "/api/v1/session?x=1"}, 403, "another request"),
         ({"cell": "west"}, 421, "not of west"),
@@ -321,3 +325,19 @@ def test_a_live_feed_of_a_host_that_is_gone_or_none_of_the_house_is_refused_with
             with pytest.raises(InvalidStatus) as refused, connect(f"{house.near.url.replace('http', 'ws')}/cells/far/api/v1/live", proxy=None):
                 pass
             assert refused.value.response.status_code in (403, 502)
+
+
+def test_a_host_behind_tls_is_believed_by_the_very_certificate_that_it_told_and_by_no_other(house: House, tmp_path: Path) -> None:
+    own, key = certificates.make(tmp_path, "own")
+    other, _ = certificates.make(tmp_path, "other")
+    context = server_context(own, key)
+
+    def behind_tls(wire: socket.socket) -> None:
+        wire.sendall(OK_HEAD + b"Content-Length: 2\r\n\r\n{}")
+
+    with odd_host(behind_tls, context) as url:
+        for told, status in ((own.read_text(), 200), (other.read_text(), 502), ("", 502), ("rubbish", 502)):
+            house.tell("far", url=url, certificate=told)
+            answer = house.person().get(f"/cells/far{FACTS}")
+            assert answer.status_code == status, answer.text
+            assert status == 200 or "certificate is not believed" in answer.json()["detail"]
