@@ -56,6 +56,7 @@ class Feed:
         self._viewers: set[Viewer] = set()
         self._text: str | None = None
         self._snapshot: Snapshot | None = None
+        self.last_change = 0  # number of the newest change to a job that was read: what came later is told to a viewer that comes now
 
     @contextmanager
     def viewer(self) -> Iterator[Viewer]:

@@ -25,7 +25,7 @@ from cellctl.api.context import Service, service_of
 from cellctl.api.feed import Viewer as FeedViewer
 from cellctl.api.mail import Ended, Mail, Postman
 from cellctl.api.problems import DOCUMENTED, ApiError
-from cellctl.api.sign_in import ServiceOf, Viewer, is_same_origin, person_of
+from cellctl.api.sign_in import ServiceOf, Viewer, is_same_origin, person_of, person_soon
 
 router = APIRouter(tags=["events"], responses=DOCUMENTED)
 NOT_SIGNED_IN = 4401
@@ -42,9 +42,9 @@ def number_of(text: str | None) -> int | None:
     return int(text) if text is not None and text.isdecimal() and len(text) < 16 else None
 
 
-def started(service: Service, viewer: FeedViewer, seq: int | None, change: int | None, connection: Request | WebSocket) -> Postman:
+async def started(service: Service, viewer: FeedViewer, seq: int | None, change: int | None, connection: Request | WebSocket) -> Postman:
     """A postman from the given numbers on, from now on where there is none; a number that is not reached yet means now."""
-    last_seq, last_change = mail.newest(service)
+    last_seq, last_change = await mail.newest(service)
     return Postman(
         service,
         viewer,
@@ -58,13 +58,13 @@ def started(service: Service, viewer: FeedViewer, seq: int | None, change: int |
 async def live(socket: WebSocket) -> None:
     """`?from=N&jobs_from=M` replays what came after event N and change M first; without them only new ones come."""
     service = service_of(socket)
-    person = await asyncio.to_thread(person_of, socket, service)
+    person = await person_soon(socket, service)
     if person is None or not is_same_origin(socket):
         await socket.close(NOT_SIGNED_IN)
         return
     seq, change = (number_of(socket.query_params.get(name)) for name in ("from", "jobs_from"))
     with service.feed.viewer() as viewer:  # from here on nothing is missed; what is replayed too is skipped by number
-        postman = await asyncio.to_thread(started, service, viewer, seq, change, socket)
+        postman = await started(service, viewer, seq, change, socket)
         await socket.accept()
         await first_of(_tell(socket, postman), _until_closed(socket))
 
@@ -165,7 +165,7 @@ class EventStream(Response):
         request, service, seq, change, snapshots = self._given
         await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
         with service.feed.viewer() as viewer:
-            postman = await asyncio.to_thread(started, service, viewer, seq, change, request)
+            postman = await started(service, viewer, seq, change, request)
             try:
                 await _sent(send, f"retry: {RETRY_MS}\nid: {postman.place}\n\n".encode())
                 async for one in postman.mail():

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import msgspec
@@ -13,6 +15,7 @@ import msgspec
 from cellctl.api import jobs as job_routes
 from cellctl.api.context import Service
 from cellctl.api.feed import Viewer, event_text
+from cellctl.api.shared_reads import AwayError, read_shared
 from cellctl.domain.messages import Event
 from cellctl.store import changes, history, jobs
 from cellctl.store.parts import NotFoundError
@@ -48,10 +51,21 @@ class Ended(Exception):
         self.because = because
 
 
-def newest(service: Service) -> tuple[int, int]:
-    """Numbers of the newest event and of the newest change to a job."""
-    with service.store.read() as rows, service.store.read_cell() as cell_rows:
-        return history.last_seq(cell_rows), changes.last_change(rows)
+async def newest(service: Service) -> tuple[int, int]:
+    """Numbers of the newest event and of the newest change to a job; of the one that was heard of last where a shared database is away."""
+
+    def last_seq() -> int:
+        with service.store.read_cell() as cell_rows:
+            return history.last_seq(cell_rows)
+
+    def last_change() -> int:
+        with service.store.read() as rows:
+            return changes.last_change(rows)
+
+    seq = await asyncio.to_thread(last_seq)
+    with suppress(AwayError):
+        service.feed.last_change = await read_shared(service, last_change)
+    return seq, service.feed.last_change
 
 
 class Postman:
@@ -124,22 +138,32 @@ class Postman:
                 yield self._event(event)
 
     async def _jobs(self) -> AsyncIterator[Mail]:
-        """Every job that was changed since, and those on which only the work went on."""
+        """Every job that was changed since, and those on which only the work went on; later, if a shared database is away."""
         viewer = self._viewer
         viewer.has_jobs = False
-        at_work, viewer.jobs = list(viewer.jobs), {}
+        at_work, viewer.jobs = viewer.jobs, {}
+        try:
+            async for one in self._changed_jobs(at_work):
+                yield one
+        except AwayError:
+            viewer.has_jobs, viewer.jobs = True, {**at_work, **viewer.jobs}
+
+    async def _changed_jobs(self, at_work: Iterable[str]) -> AsyncIterator[Mail]:
+        """Raises AwayError."""
 
         def changed() -> list[tuple[str, int]]:
             with self._service.store.read() as rows:
                 return changes.changed_since(rows, self._change)
 
-        due = await asyncio.to_thread(changed)
+        feed = self._service.feed
+        due = await read_shared(self._service, changed)
         known = {job_id for job_id, _ in due}
         due += [(job_id, self._change) for job_id in at_work if job_id not in known]
         for start in range(0, len(due), JOBS_PAGE):
             page = due[start : start + JOBS_PAGE]
-            for text, change in await asyncio.to_thread(self._job_texts, page):
+            for text, change in await read_shared(self._service, partial(self._job_texts, page)):
                 self._change = max(self._change, change)
+                feed.last_change = max(feed.last_change, change)
                 if text is not None:
                     yield self._mail("job", text)
 
@@ -159,8 +183,9 @@ class Postman:
     async def _check_sign_in(self) -> None:
         if time.monotonic() - self._checked > CHECK_SIGN_IN_S:
             self._checked = time.monotonic()
-            if not await asyncio.to_thread(self._is_let_in):
-                raise Ended("signed out")
+            with suppress(AwayError):  # who was let in stays so meanwhile
+                if not await read_shared(self._service, self._is_let_in):
+                    raise Ended("signed out")
 
     async def _wait(self) -> bool:
         """Until there is mail; False if there was none for HEARTBEAT_S."""

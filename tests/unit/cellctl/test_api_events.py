@@ -129,10 +129,10 @@ async def test_reader_that_comes_back_again_and_again_misses_no_event_and_no_job
     whys: dict[str, str] = {}
     last = "0-0"
     running = asyncio.create_task(life())
-    while len(told) < count or not done.is_set() or last.partition("-")[2] != str(mail.newest(web.service)[1]):
+    while len(told) < count or not done.is_set() or last.partition("-")[2] != str((await mail.newest(web.service))[1]):
         async with connected(web, last) as reader:
             for _ in range(dice.randrange(1, 30)):
-                if told and len(told) >= count and done.is_set() and last.partition("-")[2] == str(mail.newest(web.service)[1]):
+                if told and len(told) >= count and done.is_set() and last.partition("-")[2] == str((await mail.newest(web.service))[1]):
                     break
                 message = await reader.next()
                 if message["event"] == "event":
