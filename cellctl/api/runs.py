@@ -7,6 +7,7 @@ import time
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import structlog
@@ -19,6 +20,7 @@ from cellctl.domain.jobs import JobState, WrongJobStateError
 from cellctl.domain.messages import Reply
 from cellctl.domain.snapshot import Snapshot
 from cellctl.domain.trouble import trouble_of
+from cellctl.planning.at_hand import bring
 from cellctl.store import Store, cell_table, claims, consumables, dependencies, fleet, history, jobs, lineage
 from cellctl.store.cell_table import Lying
 from cellctl.store.claims import ClaimedError
@@ -245,7 +247,7 @@ class Runs:
         if against:
             raise StartRefusedError(against, "wait for it, or change what the job waits for")
         await self._check_powder(job)
-        program = self._store.blobs.program(job.program_sha256 or "")
+        program = await self._at_hand(job)
         confirmed = job.timestamps.get("table_clear", 0.0)
         args = {"job": job.id, "name": job.name, "program": str(program.resolve()), "confirmed_at": confirmed}
         if job.continues_job is not None:
@@ -277,6 +279,15 @@ class Runs:
         self._refusals.pop(job.id, None)
         await self.follow()
         return reply
+
+    async def _at_hand(self, job: JobRow) -> Path:
+        """The program on this host's own disk. Raises StartRefusedError if it cannot be brought there."""
+        try:
+            return await asyncio.to_thread(bring, self._store.blobs, job.program_sha256 or "")
+        except OSError as error:
+            why = f"the program cannot be read: {error.strerror or error}"
+            await self._tell(job, f"waits for its files: {why}")
+            raise StartRefusedError(why, "look at the folder of files and at this host's disk; it is tried again by itself") from None
 
     async def _claim(self, job: JobRow) -> None:
         """From here on nobody takes the job away, wherever it is asked for. Raises StartRefusedError."""

@@ -88,6 +88,10 @@ class Blobs:
         """The program's folder."""
         return self.folder / "programs" / sha256
 
+    def program_at_hand(self, sha256: str) -> Path:
+        """Where the program's folder lies on this host's own disk; the same one where nothing is shared."""
+        return self._own / "programs" / sha256
+
     def proof(self, sha256: str) -> Path:
         """The proof's JSON."""
         return self.folder / "proofs" / f"{sha256}.json"
