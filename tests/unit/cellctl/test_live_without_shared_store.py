@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from cellctl.domain.snapshot import Snapshot
 from cellctl.store import Store, jobs
 from tests.postgres import Cluster
 from tests.unit.cellctl.conftest import Web, serving
-from tests.unit.cellctl.test_api_events import Reader, connected, happen
+from tests.unit.cellctl.test_api_events import WAIT_S, Reader, connected, happen
 from tests.unit.cellctl.test_store import job_in, part_in, sharing
 
 
@@ -30,6 +31,12 @@ def tell(web: Web, number: int) -> None:
     web.service.feed.take_snapshot(Snapshot(seq=number, at=1.0, cell="c", mode="sim", state="RUNNING", execution="ACTIVE"))
 
 
+async def watched_by(web: Web, count: int) -> None:
+    async with asyncio.timeout(WAIT_S):
+        while len(web.service.feed) < count:
+            await asyncio.sleep(0.01)
+
+
 async def heard(reader: Reader, kind: str) -> dict[str, Any]:
     while (message := await reader.next())["event"] != kind:
         pass
@@ -41,6 +48,7 @@ async def test_a_console_sees_the_machine_while_the_shared_database_is_away_and_
     job = job_in(store, part_in(store), state=JobState.WAITING_FOR_APPROVAL)
     assert (await web.viewer.get("/api/v1/jobs")).status_code == 200  # known from here on
     async with connected(web, query="snapshots=true") as before:
+        await watched_by(web, 1)
         postgres.stop()
         try:
             web.service.feed.take_job(job.id)
@@ -49,6 +57,7 @@ async def test_a_console_sees_the_machine_while_the_shared_database_is_away_and_
             happen(web, seen=True)
             assert (await heard(before, "event"))["event"]["text"] == "x"
             async with connected(web, query="snapshots=true") as meanwhile:
+                await watched_by(web, 2)
                 tell(web, 2)
                 assert (await heard(meanwhile, "snapshot"))["snapshot"]["seq"] == 2
                 assert (await heard(before, "snapshot"))["snapshot"]["seq"] == 2
