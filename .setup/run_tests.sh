@@ -15,9 +15,9 @@ trap 'rm -rf "$FOLDER"' EXIT
 mkdir "$FOLDER/taken"
 DEALT=("$PYTHON" -m pytest -o console_output_style=classic -p no:cacheprovider -c pyproject.toml -p tests.dealing "--deal=$FOLDER/taken")
 
-"${DEALT[@]}" --lane=computed >"$FOLDER/computed" 2>&1 &
+nice -n 5 "${DEALT[@]}" --lane=computed >"$FOLDER/computed" 2>&1 & # who waits for answers goes before who computes
 computed=$!
-nice -n 10 "${DEALT[@]}" --lane=gaps >"$FOLDER/gaps" 2>&1 &
+nice -n 15 "${DEALT[@]}" --lane=gaps >"$FOLDER/gaps" 2>&1 &
 gaps=$!
 "${DEALT[@]}" --lane=served
 failed=$?

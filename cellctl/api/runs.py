@@ -155,8 +155,11 @@ class Runs:
 
     def _let_go(self, job: JobRow, snapshot: Snapshot | None) -> bool:
         """Withdraw the claim on a job whose start was never answered, once the cell stands idle and has not run it."""
-        is_settled = job.claimed_at is not None and self._store.clock() - job.claimed_at > CLAIM_SETTLES_S
-        if not is_settled or snapshot is None or snapshot.state != "IDLE" or job.id in self.starting:
+        if job.claimed_at is None or snapshot is None or snapshot.state != "IDLE" or job.id in self.starting:
+            return False
+        with self._store.read() as connection:
+            claimed_for_s = fleet.now_of(connection, self._store.clock) - job.claimed_at  # by the clock that the claim was written by
+        if claimed_for_s <= CLAIM_SETTLES_S:
             return False
         with self._store.write() as connection:
             claims.withdraw(connection, job.id, self._seat)

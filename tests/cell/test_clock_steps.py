@@ -17,6 +17,7 @@ KNOWN = {
     ("surroundings.py", "check"),  # a person's confirmation, durable across processes: refused when it lies in the future
     ("runs.py", "_why_confirmed_no_more"),  # the same, in the web process
     ("uploads.py", "sweep"),  # a day without a byte, durable across processes: a clock that is set on ends uploads early, never late
+    ("neighbours.py", "_read"),  # by how much the database's clock is ahead of this host's
     ("clock_watch.py", "look"),  # finds the step
     ("clock_watch.py", "__init__"),
 }

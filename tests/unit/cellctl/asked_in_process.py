@@ -26,6 +26,7 @@ from cellctl.store.tokens import Role
 from config import find_facts
 from planner.recipe import Recipe
 from tests.unit.cellctl.far_cell import FarCell
+from tests.unit.cellctl.idle_planner import plan_at_once
 from tests.unit.cellctl.test_store import part_in
 
 URL = "http://127.0.0.1:8000"
@@ -112,7 +113,7 @@ def in_process(
         job = jobs.add(rows, JobRow(new_id("job", store.clock()), "a job", part_id, "trunnion-tcp", toml, "316L", store.clock(), "me"))
     store.close()
     service = build_service(Settings(folder / "store", folder / "run", find_facts("cells", "trunnion_tcp"), upload_limit_bytes=2_000_000))
-    service.queue._slots = 0
+    plan_at_once(service, 0)
     prepare(service)
     app = make_app(service, "127.0.0.1")
     far = FarCell(folder / "store", service.store.clock)

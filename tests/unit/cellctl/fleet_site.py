@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import tomllib
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from cellctl.api.app import build_service, make_app
 from cellctl.api.context import Service, Settings
 from cellctl.planning import keys
 from cellctl.store import Store, made, parts
+from cellctl.store.fleet import members, now_of
 from cellctl.store.made import Made
 from cellctl.store.schema import fleet
 from config import Cell, find_facts, load_cell
@@ -125,6 +126,17 @@ class Site:
             life = [f"{step['state']}: {step['why']}" for step in (await self.get(f"/jobs/{job}/life"))["items"]]
             raise AssertionError(f"{shown['state']} at {shown['cell']!r}, {shown['why']}; {life}") from None
         return shown
+
+
+async def all_answer(store: Store, names: Sequence[str]) -> None:
+    """Return once every cell was heard to answer: jobs are given to those first."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            with store.read() as rows:
+                told = members(rows, now_of(rows, store.clock))
+            if {one.cell for one in told if one.state} >= set(names):
+                return
+            await asyncio.sleep(LOOK_S)
 
 
 def make_before(store: Store, part_id: str, cells: list[Cell]) -> None:

@@ -35,6 +35,7 @@ from cellctl.store.shared import Wanted, share
 from cellctl.store.tokens import Role
 from config import find_facts
 from tests.unit.cellctl.far_cell import FarCell
+from tests.unit.cellctl.idle_planner import plan_at_once
 
 START_S = 60.0
 POLL_S = 0.02
@@ -152,7 +153,7 @@ async def _host(folder: Path, name: str, store: Path, beats: bool, ending: async
     url = f"http://127.0.0.1:{listening.getsockname()[1]}"
     told = {"host_url": url, "stop_url": stop_url} if beats else {}
     service = build_service(Settings(store, run, _cell_file(folder, name), upload_limit_bytes=2_000_000, **told))  # type: ignore[arg-type]
-    service.queue._slots = 0
+    plan_at_once(service, 0)
     if not beats:
         service.fleet.run = asyncio.Event().wait  # type: ignore[method-assign, assignment]
     far = Heard(store, service.store.clock)

@@ -20,6 +20,7 @@ from cellctl.api.context import Service, Settings
 from cellctl.store import tokens
 from cellctl.store.tokens import Role
 from config import find_facts
+from tests.unit.cellctl.idle_planner import plan_at_once
 
 START_S = 60.0
 
@@ -39,7 +40,7 @@ def at_port(folder: Path, empty_store: Path, behind_proxy: str = "") -> Iterator
     shutil.copytree(empty_store, folder / "store")
     (folder / "run").mkdir()
     service = build_service(Settings(folder / "store", folder / "run", find_facts("cells", "trunnion_tcp"), upload_limit_bytes=2_000_000))
-    service.queue._slots = 0
+    plan_at_once(service, 0)
     with service.store.write() as rows:
         token = tokens.create(rows, "an engineer", Role.ENGINEER, service.store.clock())[1]
     with socket.create_server(("127.0.0.1", 0)) as listening:

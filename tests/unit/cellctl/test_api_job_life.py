@@ -20,6 +20,7 @@ from cellctl.store.jobs import JobRow
 from cellctl.store.lanes import Lane
 from planner.recipe import Recipe
 from tests.unit.cellctl.far_cell import FarCell
+from tests.unit.cellctl.idle_planner import plan_at_once
 from tests.unit.cellctl.test_store import part_in
 
 J = JobState
@@ -46,7 +47,7 @@ def job_of(store: Any, part_id: str, name: str, state: JobState = J.QUEUED, **fi
 @pytest.fixture
 def still(web: Any) -> Any:
     """The web without a planner: what is submitted stays so."""
-    web.service.queue._slots = 0
+    plan_at_once(web.service, 0)
     return web
 
 
@@ -139,7 +140,7 @@ async def test_a_job_moved_among_those_of_another_priority_takes_theirs_on(still
 
 
 def test_ranks_are_spread_anew_where_no_room_is_left(web: Any, part_id: str) -> None:
-    web.service.queue._slots = 0
+    plan_at_once(web.service, 0)
     store = web.service.store
     made = [job_of(store, part_id, str(number)) for number in range(4)]
     with store.write() as rows:
@@ -163,9 +164,9 @@ async def test_the_planner_takes_jobs_in_the_order_of_its_queue(still: Any, part
     made = [job_of(still.service.store, part_id, name, J.SUBMITTED) for name in "xyz"]
     await still.operator.post("/api/v1/queue/move", params={"lane": "planning"}, json={"job": made[2], "to": "first"})
     assert await order(still, "planning") == ["z", "x", "y"]
-    still.service.queue._slots = 1
+    plan_at_once(still.service, 1)
     assert still.service.queue._waiting()[0].id == made[2]
-    still.service.queue._slots = 0
+    plan_at_once(still.service, 0)
 
 
 async def test_what_a_queued_job_waits_for_is_told_in_words_and_as_data(still: Any, abc: list[str]) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from cellctl.store import users
 from cellctl.store.schema import idempotency
+from tests.unit.cellctl.idle_planner import plan_at_once
 from tests.unit.cellctl.test_store import part_in
 
 KEY = {"Idempotency-Key": "the same"}
@@ -68,7 +69,7 @@ async def test_lot_of_a_material_of_the_shops_own_is_loaded_and_an_unknown_one_r
 
 
 async def test_change_of_a_job_that_somebody_else_changed_meanwhile_is_refused(web: Any) -> None:
-    web.service.queue._slots = 0
+    plan_at_once(web.service, 0)
     part_id = part_in(web.service.store)
     path = f"/api/v1/jobs/{(await web.operator.post('/api/v1/jobs', json={'part_id': part_id})).json()['id']}"
     seen = {"If-Match": (await web.viewer.get(path)).headers["etag"]}

@@ -10,9 +10,9 @@ import pytest
 from cellctl.domain.fleet import DEAD_S
 from cellctl.store import Store, open_store, tokens, upgrade
 from cellctl.store.fleet import LeaseHeldError
-from cellctl.store.shared import share
+from cellctl.store.shared import Wanted, share
 from cellctl.store.tokens import Role
-from tests.unit.cellctl.fleet_site import RECIPE, Site, grow_silent, make_before
+from tests.unit.cellctl.fleet_site import RECIPE, Site, all_answer, grow_silent, make_before
 from tests.unit.cellctl.test_store import part_in
 
 CELLS = ("alpha", "beta", "gamma")
@@ -23,7 +23,8 @@ JOB = {"recipe": RECIPE}
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
     """Alpha's: with a database and files that all hosts see, or, of cells at one host, the file that all of them open."""
     for name in CELLS if request.param == "postgres" else ():
-        share(tmp_path / f"{name}-store", request.getfixturevalue("database"), tmp_path / "files")
+        (tmp_path / "shared.url").write_text(request.getfixturevalue("database").render_as_string(hide_password=False))
+        share(tmp_path / f"{name}-store", Wanted(f"@{tmp_path / 'shared.url'}", tmp_path / "files"))
         upgrade(tmp_path / f"{name}-store")
     folder = tmp_path / ("alpha-store" if request.param == "postgres" else "store")
     upgrade(folder)
@@ -43,6 +44,7 @@ async def sites(tmp_path: Path, store: Store) -> AsyncIterator[dict[str, Site]]:
     for site in found.values():
         await site.power_up()
         await site.serve()
+    await all_answer(store, CELLS)
     JOB["part_id"] = part  # type: ignore[assignment]
     yield found
     for site in found.values():
